@@ -227,8 +227,11 @@ AMPLITUDES = frozenset(
     p.name for p in (COULOMB_DIFFERENCE, STRIBECK_TORQUE, DRIFT, OFFSET, *RIPPLE, *UNBALANCE, *COGGING)
 )
 """Torques whose bound is not a property of the machine, but more than the torques of the log could have balanced."""
-SHAPES = frozenset(p.name for p in (STRIBECK_VELOCITY, STRIBECK_EXPONENT, RIPPLE_PERIODS, DRIFT_TIME, COGGING_PERIODS))
-"""Parameters that change nothing while their effect's amplitudes are zero."""
+SHAPES = frozenset(
+    p.name
+    for p in (STRIBECK_VELOCITY, STRIBECK_EXPONENT, BRISTLE_EXPONENT, RIPPLE_PERIODS, COGGING_PERIODS, DRIFT_TIME)
+)
+"""Parameters of shape: their effect's size is another parameter, and where that is neutral, these have no influence."""
 # Beyond a factor of five the model has another unit than the log, which `inspect` finds.
 GAIN = EffectParameter("gain", "1", _constant(1.0), _constant(0.2), _constant(5.0), _constant(0.1), "actuator.gain")
 

@@ -90,11 +90,16 @@ class Candidate:
         return {p.name: float(v) for p, v in zip(self.family.parameters, self.vector, strict=True)}
 
     def known_to(self, other: "Candidate") -> dict[str, float]:
-        """Its values by name that mean something to another candidate: of what both fit, or a start of both set."""
+        """Its values by name that mean something to another candidate: of what both fit, or a start of both set.
+
+        Nominal values only where the other may find them wrong too; else it has them as they were given.
+        """
         set_by_both = {p.name for e in self.effects if e in other.effects for p in e.fixed}
-        own = set_by_both | {self.family.parameters[i].name for i in self.free}
-        others = set_by_both | {other.family.parameters[i].name for i in other.free}
-        return {name: value for name, value in self.values().items() if name in own & others}
+        own = {self.family.parameters[i].name for i in self.free}
+        others = {other.family.parameters[i].name for i in other.free}
+        held = set(NOMINAL) - other.wide - {p.name for e in other.effects for p in e.parameters}
+        known = (own & others - held) | set_by_both
+        return {name: value for name, value in self.values().items() if name in known}
 
     @property
     def load_error(self) -> tuple[str, ...]:

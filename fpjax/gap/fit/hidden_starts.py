@@ -19,7 +19,8 @@ def estimate_hidden_states(
     """Estimate the hidden states at the windows' starts, and keep in each window the estimate that fits best.
 
     Tried are the present one, the estimate from the past, the end of the window before, and either face of a
-    backlash; each beside the rate and the angle as they are fitted, and where asked for as they were read. (A window
+    backlash; each beside the rate and the angle as they are fitted, and where asked for as the readings
+    have them. (A window
     that fits its speed to the wrong phase of a shaft's vibration does not find out by itself; its misfit then raised
     the level, and with it every other window's.)
 

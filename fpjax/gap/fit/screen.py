@@ -1,13 +1,15 @@
-"""Screen: a few steps of every start on a few windows, and which of them are worth more."""
+"""Screen: a few steps of every start on a few windows, which of them are worth more, and what these windows hide."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from ...logs.arrays import Values
+from ..effects.effect import Effect
+from ..effects.parameters import AMPLITUDES, SHAPES
 from ..simulate.family import Key
-from .candidate import NOMINAL, Candidate
+from .candidate import NOMINAL, Candidate, Start
 from .least_squares import Fitter
 from .measure import Measure
 from .modes import Modes
@@ -18,6 +20,7 @@ STEPS = 3
 # many times the sets that will be left after screening [1]. (Those of one cause alone still change places after it.)
 SETS = 1.5
 SCREENED = 0.45  # share of an exploration's run time that is over then [1]; for the progress display alone
+SMALL = 0.1  # of an effect's own start, with which it begins beside a fit whose valley must not be left at once [1]
 HEAVY = 3.0  # run time of a candidate with a transmission over that of a rigid one
 
 
@@ -34,6 +37,10 @@ class Screening(Protocol):
 
     def screening(self) -> list[Values]:
         """The few fitted windows on which starts are screened, one array a record."""
+        ...
+
+    def candidate(self, start: Start) -> Candidate:
+        """A candidate at its start."""
         ...
 
     def go_on(self, candidates: Sequence[Candidate], windows: Sequence[Values], steps: int, *, white: bool) -> None:
@@ -84,6 +91,43 @@ def screened(search: Screening, candidates: list[Candidate], most: int, *, white
         candidates = [c for group in leading for c in group[: -(-len(group) // 2)]]
     _steps(search, candidates, STEPS - 1, (0.5 * SCREENED, SCREENED), white=white)
     return candidates
+
+
+def bases_ahead(
+    search: Screening, candidates: Sequence[Candidate], begun: Mapping[int, Start], *, white: bool
+) -> list[Candidate]:
+    """The same causes beside a shaft once more, at the fits that they are tried beside, where these are still ahead.
+
+    A few windows do not hold all that a base has learned, and steps on them may leave its valley: beside a backlash
+    every further cause could end behind the backlash alone. (One rigid mass comes back in the next steps.) What is
+    new begins small, so that the base's valley is not left at once, but not at none, where its shape has no
+    gradient.
+
+    Args:
+        search: that they belong to.
+        candidates: after some steps on all windows; they stay as they are.
+        begun: all starts, by `id` of the candidates that began there.
+        white: one level of the missing torque for all octaves.
+    """
+    bases: dict[tuple[tuple[Effect, ...], frozenset[str]], dict[int, Candidate]] = {}
+    for start in begun.values():
+        if start.like is not None and start.like.family.key[0] == "transmission":
+            bases.setdefault((start.effects, frozenset(start.wide)), {})[id(start.like)] = start.like
+    best: dict[tuple[str, ...], float] = {}
+    again: dict[tuple[object, ...], Candidate] = {}
+    for c in candidates:
+        best[c.names] = min(c.cost, best.get(c.names, np.inf))
+        own = begun[id(c)].values
+        for base in bases.get((c.effects, c.wide), {}).values():
+            new = {p.name for e in c.effects if e not in base.effects for p in e.parameters}
+            begins = {name: SMALL * own[name] for name in new & AMPLITUDES & own.keys()}
+            begins |= {name: own[name] for name in new & SHAPES & own.keys()}
+            start = Start(c.effects, tuple(c.wide), base.known_to(c) | begins, base)
+            again.setdefault((c.names, id(base), *sorted(begins.items())), search.candidate(start))
+    for key in dict.fromkeys(c.family.key for c in again.values()):
+        some = [c for c in again.values() if c.family.key == key]
+        search.fitters[key].assess(some, search.train, white=white)
+    return [c for c in again.values() if c.cost < best[c.names]]
 
 
 def _own_start(c: Candidate) -> tuple[object, ...]:

@@ -13,7 +13,6 @@ from ..data.setting import Setting
 from ..data.split import fairer_split
 from ..data.tables import Tables
 from ..effects.effect import Effect
-from ..effects.parameters import SHAPES
 from ..simulate.family import Family, Key, Nominal, Runner, key_for, make_family
 from ..simulate.hidden_states import HiddenStates
 from .backlash_starts import contact_starts
@@ -27,7 +26,7 @@ from .measure import Measure
 from .modes import Modes
 from .period_starts import repeating_waves, turning_weight
 from .score import scores
-from .screen import few_windows, screened
+from .screen import bases_ahead, few_windows, screened
 
 # Successive halving: after screening ever fewer sets get ever more steps.
 STAGES = ((3, 40), (4, 14), (8, 8), (25, 6))  # (steps on all fitted windows, number of sets that get them)
@@ -288,7 +287,7 @@ class Search:
                 for each leads to wrong minima; starts from a finished fit can do without.
         """
         started = self._started(starts, white=white)
-        bases = {id(c): start.like for c, start in zip(started, starts, strict=True)}
+        begun = {id(c): start for c, start in zip(started, starts, strict=True)}
         candidates = screened(self, started, keep[0] if keep else 0, white=white)
         best: dict[tuple[str, ...], list[Candidate]] = {}
         for c in sorted(candidates, key=lambda c: c.cost):
@@ -300,6 +299,8 @@ class Search:
         left: dict[tuple[str, ...], Candidate] = {}  # sets dropped after some steps on all windows; scored as they are
         for stage, (steps, most) in enumerate(STAGES):
             most = keep[stage] if stage < len(keep) else most
+            if stage == 1:  # from now on costs are those of all windows
+                going += bases_ahead(self, going, begun, white=white)
             going = sorted(going, key=lambda c: c.cost)
             sets = list(dict.fromkeys(c.names for c in going))
             # Sets of nominal errors alone always stay: the answer compares every cause with them.
@@ -312,7 +313,6 @@ class Search:
                 for c in going:
                     # From a few windows to all of them: the level is estimated anew.
                     c.converged, c.damping, c.level = False, min(c.damping, 1.0), np.zeros(0)
-                going += self._bases_ahead(going, [bases[id(c)] for c in going], white=white)
             for c in going:
                 if c.names not in sets:
                     left.setdefault(c.names, c)
@@ -339,29 +339,6 @@ class Search:
         for key in dict.fromkeys(c.family.key for c in both):
             self.fitters[key].assess([c for c in both if c.family.key == key], self.screening(), white=white)
         return [given[i] if i in given and given[i].cost < c.cost else c for i, c in enumerate(found)]
-
-    def _bases_ahead(
-        self, candidates: Sequence[Candidate], bases: Sequence[Candidate | None], *, white: bool
-    ) -> list[Candidate]:
-        """Causes beside a shaft at the fit that they began beside, where that is likelier on all windows than they are.
-
-        A few windows do not hold all that a base has learned, and steps on them may leave its valley: beside a backlash
-        every further cause could end behind the backlash alone. (One rigid mass comes back in the next steps.)
-
-        Args:
-            candidates: screened; costs are those of all windows afterwards.
-            bases: the fitted candidate that each began beside, if any.
-            white: one level of the missing torque for all octaves.
-        """
-        pairs = []
-        for c, base in zip(candidates, bases, strict=True):
-            if base is not None and base.family.key[0] == c.family.key[0] == "transmission":
-                shapes = {name: value for name, value in c.values().items() if name in SHAPES}
-                pairs.append((c, self.candidate(Start(c.effects, tuple(c.wide), shapes | base.known_to(c), base))))
-        for key in dict.fromkeys(c.family.key for c, _ in pairs):
-            both = [c for pair in pairs if pair[0].family.key == key for c in pair]
-            self.fitters[key].assess(both, self.train, white=white)
-        return [origin for c, origin in pairs if origin.cost < c.cost]
 
     def fitted(self, starts: Sequence[Start]) -> list[Fit]:
         """Each start fitted on all windows with the same number of steps, in the order of `starts`."""

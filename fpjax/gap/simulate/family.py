@@ -23,7 +23,7 @@ from ..data.setting import Setting
 from ..data.tables import TAPS, Tables
 from ..effects.always import LATE_TORQUE, LOAD_ERROR, NOMINAL_VALUES
 from ..effects.effect import Effect, EffectParameter, free, leaf
-from ..effects.parameters import ACTUATOR_DELAY, NOMINAL
+from ..effects.parameters import ACTUATOR_DELAY, NOMINAL, SHAPES
 from ..effects.vocabulary import shaft_values
 from ..machine import FEATURES, Feature, Machine, Structure, nominal_machine, structure_of, with_structure
 from .lane_kernel import LANES
@@ -114,17 +114,11 @@ def make_family(key: Key, nominal: Nominal, effects: tuple[Effect, ...], setting
 def _known(effect: Effect, machine: Machine, setting: Setting) -> dict[str, float]:
     """Values of an effect's parameters in a machine that has the effect; {} in one that does not."""
     leaves = {p: value for p in effect.parameters if p.path and (value := leaf(machine, p.path)) is not None}
-    switches = {p: value for p, value in leaves.items() if p.name not in _SHAPES}
+    # A parameter of shape does not show that the machine has the effect.
+    switches = {p: value for p, value in leaves.items() if p.name not in SHAPES}
     if all(value == p.neutral(setting) for p, value in switches.items() if p not in NOMINAL):
         return {}
     return {p.name: value for p, value in leaves.items() if p not in NOMINAL}
-
-
-# Parameters of shape: the effect's size is another parameter, and where that is neutral, these have no influence and
-# do not show that the machine has the effect.
-_SHAPES = frozenset(
-    {"stribeck_velocity", "stribeck_exponent", "bristle_exponent", "ripple_periods", "cogging_periods", "drift_time"}
-)
 
 
 def key_for(effects: tuple[Effect, ...], setting: Setting) -> Key:
