@@ -8,6 +8,8 @@ import pytest
 from fpjax import diagnose, load_model
 from fpjax.gap import EFFECTS
 from fpjax.gap.fit.candidate import NOMINAL, Start
+from fpjax.gap.fit.hidden_starts import estimate_hidden_states
+from fpjax.gap.fit.screen import bases_ahead
 from fpjax.gap.select.starts import alone
 from fpjax.gap.verb import make_search
 
@@ -90,3 +92,43 @@ def test_a_cause_that_is_left_out_leaves_nothing_in_the_fit_without_it(search):
     assert known["inertia"] == both.values()["inertia"]
     assert "torque" not in known
     assert one.known_to(both).keys() == known.keys()
+    given = search.candidate(Start((backlash,), (), {}))
+    assert both.known_to(given).keys() == known.keys() - set(NOMINAL)
+
+
+@pytest.mark.long
+def test_a_fit_that_is_ahead_of_a_cause_beside_it_goes_on_with_little_of_that_cause(search):
+    backlash, stribeck, delay = (BY_NAME[name] for name in ("backlash", "stribeck", "actuator_delay"))
+    base = search.candidate(Start((backlash,), NOMINAL, search.setting.contacts[0]))
+    for effect in (stribeck, delay):
+        starts = [
+            Start((backlash, effect), NOMINAL, base.values() | own, base) for own in effect.starts(search.setting)
+        ]
+        candidates = [search.candidate(start) for start in starts]
+        begun = {id(c): start for c, start in zip(candidates, starts, strict=True)}
+        for c in candidates:
+            c.cost = np.inf
+        found = bases_ahead(search, candidates, begun, white=True)
+        if effect is stribeck:  # a start for each of its shapes
+            assert [c.values()["stribeck_velocity"] for c in found] == [s.values["stribeck_velocity"] for s in starts]
+            for c, start in zip(found, starts, strict=True):
+                assert 0.0 < c.values()["stribeck_torque"] < 0.2 * start.values["stribeck_torque"]
+        else:  # starts that differ in nothing but the delay begin alike without it
+            (only,) = found
+            assert only.values() == base.values() | {"actuator_delay": 0.0}
+        assert all(c.known_to(base) == base.known_to(c) for c in found)
+        for c in candidates:
+            c.cost = -np.inf
+        assert bases_ahead(search, candidates, begun, white=True) == []
+
+
+@pytest.mark.long
+def test_a_window_at_a_wrong_speed_is_begun_afresh_where_that_is_asked_for(search):
+    c = search.candidate(Start((BY_NAME["backlash"],), NOMINAL, search.setting.contacts[0]))
+    key, window = c.family.key, search.train[0][3]
+    c.states[0][0, window] = 40.0 * search.fitters[key].deviations(c, 0)[0]
+    for afresh in (False, True):
+        estimate_hidden_states(
+            search.fitters[key], search.hidden_states[key], search.records, [c], search.train, afresh=afresh
+        )
+        assert bool(c.states[0][0, window] == 0.0) is afresh
