@@ -9,7 +9,7 @@ from fpjax import diagnose, load_model
 from fpjax.gap import EFFECTS
 from fpjax.gap.fit.candidate import NOMINAL, Start
 from fpjax.gap.fit.hidden_starts import estimate_hidden_states
-from fpjax.gap.fit.screen import bases_ahead
+from fpjax.gap.fit.screen import from_bases
 from fpjax.gap.select.starts import alone
 from fpjax.gap.verb import make_search
 
@@ -97,18 +97,15 @@ def test_a_cause_that_is_left_out_leaves_nothing_in_the_fit_without_it(search):
 
 
 @pytest.mark.long
-def test_a_fit_that_is_ahead_of_a_cause_beside_it_goes_on_with_little_of_that_cause(search):
+def test_a_cause_is_tried_at_the_fit_beside_it_with_little_of_that_cause(search):
     backlash, stribeck, delay = (BY_NAME[name] for name in ("backlash", "stribeck", "actuator_delay"))
     base = search.candidate(Start((backlash,), NOMINAL, search.setting.contacts[0]))
     for effect in (stribeck, delay):
-        starts = [
-            Start((backlash, effect), NOMINAL, base.values() | own, base) for own in effect.starts(search.setting)
-        ]
+        own_starts = effect.starts(search.setting)
+        starts = [Start((backlash, effect), NOMINAL, base.values() | own, base) for own in own_starts]
         candidates = [search.candidate(start) for start in starts]
         begun = {id(c): start for c, start in zip(candidates, starts, strict=True)}
-        for c in candidates:
-            c.cost = np.inf
-        found = bases_ahead(search, candidates, begun, white=True)
+        found = from_bases(search, candidates, begun)
         if effect is stribeck:  # a start for each of its shapes
             assert [c.values()["stribeck_velocity"] for c in found] == [s.values["stribeck_velocity"] for s in starts]
             for c, start in zip(found, starts, strict=True):
@@ -117,9 +114,10 @@ def test_a_fit_that_is_ahead_of_a_cause_beside_it_goes_on_with_little_of_that_ca
             (only,) = found
             assert only.values() == base.values() | {"actuator_delay": 0.0}
         assert all(c.known_to(base) == base.known_to(c) for c in found)
-        for c in candidates:
-            c.cost = -np.inf
-        assert bases_ahead(search, candidates, begun, white=True) == []
+        assert from_bases(search, candidates[:1], begun)[0].values() == found[0].values()
+    rigid = [Start((stribeck,), NOMINAL, {}, search.candidate(Start((), NOMINAL, {})))]
+    candidates = [search.candidate(start) for start in rigid]
+    assert from_bases(search, candidates, {id(candidates[0]): rigid[0]}) == []
 
 
 @pytest.mark.long

@@ -93,41 +93,32 @@ def screened(search: Screening, candidates: list[Candidate], most: int, *, white
     return candidates
 
 
-def bases_ahead(
-    search: Screening, candidates: Sequence[Candidate], begun: Mapping[int, Start], *, white: bool
-) -> list[Candidate]:
-    """The same causes beside a shaft once more, at the fits that they are tried beside, where these are still ahead.
+def from_bases(search: Screening, candidates: Sequence[Candidate], begun: Mapping[int, Start]) -> list[Candidate]:
+    """The same causes beside a shaft once more, each at the fit that it is tried beside.
 
-    A few windows do not hold all that a base has learned, and steps on them may leave its valley: beside a backlash
+    A few windows do not hold all that such a fit has learned, and steps on them may leave its valley: beside a backlash
     every further cause could end behind the backlash alone. (One rigid mass comes back in the next steps.) What is
-    new begins small, so that the base's valley is not left at once, but not at none, where its shape has no
-    gradient.
+    new begins small, so that the valley is not left at once, but not at none, where its shape has no gradient.
 
     Args:
         search: that they belong to.
-        candidates: after some steps on all windows; they stay as they are.
+        candidates: that go on from the few windows; they stay as they are.
         begun: all starts, by `id` of the candidates that began there.
-        white: one level of the missing torque for all octaves.
     """
     bases: dict[tuple[tuple[Effect, ...], frozenset[str]], dict[int, Candidate]] = {}
     for start in begun.values():
         if start.like is not None and start.like.family.key[0] == "transmission":
             bases.setdefault((start.effects, frozenset(start.wide)), {})[id(start.like)] = start.like
-    best: dict[tuple[str, ...], float] = {}
-    again: dict[tuple[object, ...], Candidate] = {}
+    found: dict[tuple[object, ...], Candidate] = {}
     for c in candidates:
-        best[c.names] = min(c.cost, best.get(c.names, np.inf))
         own = begun[id(c)].values
         for base in bases.get((c.effects, c.wide), {}).values():
             new = {p.name for e in c.effects if e not in base.effects for p in e.parameters}
             begins = {name: SMALL * own[name] for name in new & AMPLITUDES & own.keys()}
             begins |= {name: own[name] for name in new & SHAPES & own.keys()}
             start = Start(c.effects, tuple(c.wide), base.known_to(c) | begins, base)
-            again.setdefault((c.names, id(base), *sorted(begins.items())), search.candidate(start))
-    for key in dict.fromkeys(c.family.key for c in again.values()):
-        some = [c for c in again.values() if c.family.key == key]
-        search.fitters[key].assess(some, search.train, white=white)
-    return [c for c in again.values() if c.cost < best[c.names]]
+            found.setdefault((c.names, id(base), *sorted(begins.items())), search.candidate(start))
+    return list(found.values())
 
 
 def _own_start(c: Candidate) -> tuple[object, ...]:

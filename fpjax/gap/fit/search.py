@@ -26,7 +26,7 @@ from .measure import Measure
 from .modes import Modes
 from .period_starts import repeating_waves, turning_weight
 from .score import scores
-from .screen import bases_ahead, few_windows, screened
+from .screen import few_windows, from_bases, screened
 
 # Successive halving: after screening ever fewer sets get ever more steps.
 STAGES = ((3, 40), (4, 14), (8, 8), (25, 6))  # (steps on all fitted windows, number of sets that get them)
@@ -299,8 +299,6 @@ class Search:
         left: dict[tuple[str, ...], Candidate] = {}  # sets dropped after some steps on all windows; scored as they are
         for stage, (steps, most) in enumerate(STAGES):
             most = keep[stage] if stage < len(keep) else most
-            if stage == 1:  # from now on costs are those of all windows
-                going += bases_ahead(self, going, begun, white=white)
             going = sorted(going, key=lambda c: c.cost)
             sets = list(dict.fromkeys(c.names for c in going))
             # Sets of nominal errors alone always stay: the answer compares every cause with them.
@@ -310,6 +308,7 @@ class Search:
             ]
             if stage == 0:
                 going = [c for c in going if c.names in sets]
+                going += from_bases(self, going, begun)
                 for c in going:
                     # From a few windows to all of them: the level is estimated anew.
                     c.converged, c.damping, c.level = False, min(c.damping, 1.0), np.zeros(0)
