@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 import fpjax as fp
+from fpjax.gap.select.starts import alone
+from fpjax.gap.verb import make_search, read_logs, read_model
 
 TOTAL, STIFFNESS, DAMPING = 0.012, 74.0, 0.047  # kg m^2, N m/rad, N m s/rad: a shaft of 25 Hz
 COULOMB, EXTRA, SLOW, VISCOUS = 0.35, 0.3, 0.3, 0.03  # N m, N m, rad/s, N m s/rad
@@ -60,6 +62,15 @@ def log():
 
 
 FEW = tuple(e for e in fp.gap.EFFECTS if e.name in ("stribeck", "presliding", "compliance", "torque_gain_error"))
+
+
+@pytest.mark.long
+def test_the_numbers_alone_go_on_from_their_fit_as_every_effect_does(log):
+    (logs,) = read_logs(log)
+    search = make_search(logs, [], read_model(MODEL), FEW)
+    starts = alone(search)
+    assert {start.like is search.base for start in starts if not start.effects} == {False, True}
+    assert {start.like is search.base for start in starts if start.effects == FEW[:1]} == {False, True}
 
 
 @pytest.mark.long  # a diagnosis each

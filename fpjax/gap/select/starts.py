@@ -17,6 +17,8 @@ IMPOSSIBLE = ({"presliding", "compliance"}, {"presliding", "backlash"}, {"compli
 def alone(search: Search) -> list[Start]:
     """Every effect alone, from its own starts, beside the nominal numbers as given and as they are best without it."""
     base, starts = search.base, [Start((), NOMINAL, {})]
+    if base.family.key[0] == "transmission":  # an effect goes on from there too (`fpjax.gap.fit.screen.from_bases`)
+        starts.append(Start((), NOMINAL, base.values(), base))
     for effect in search.effects:
         if effect.name.removesuffix("_error") in NOMINAL:
             continue  # every fit asks for them
