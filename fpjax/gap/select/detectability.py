@@ -10,6 +10,7 @@ from ..fit.candidate import Fit
 from ..fit.search import Search
 from ..thresholds import THRESHOLDS, Thresholds
 
+NONE = 1e-3  # of the friction: a torque below it is none [1]
 PERIODIC = {"cogging": "cogging_periods", "position_dependent_friction": "ripple_periods"}
 
 
@@ -35,7 +36,8 @@ def resolved(search: Search, fit: Fit, t: Thresholds = THRESHOLDS) -> bool:
     c, setting = fit.candidate, search.setting
     # How far a known load may be off is a bound of another kind: it says nothing of what stands beside it.
     ends, values = set(c.at_bound()) - set(c.load_error), c.values()
-    if any(values[name] != 0.0 for name in AMPLITUDES & ends):
+    # A friction that ends at none is at its bound, too, up to the rounding of its last step.
+    if any(abs(values[name]) > NONE * setting.friction for name in AMPLITUDES & ends):
         return False
     if "torque_saturation" in c.structural and "limit" in ends:
         return False
