@@ -19,10 +19,9 @@ def estimate_hidden_states(
     """Estimate the hidden states at the windows' starts, and keep in each window the estimate that fits best.
 
     Tried are the present one, the estimate from the past, the end of the window before, and either face of a
-    backlash; each beside the rate and the angle as they are fitted, and where asked for as the readings
-    have them. (A window
-    that fits its speed to the wrong phase of a shaft's vibration does not find out by itself; its misfit then raised
-    the level, and with it every other window's.)
+    backlash; each beside the rate and the angle as they are fitted, and where asked for as the readings have them. (A
+    window that fits its speed to the wrong phase of a shaft's vibration does not find out by itself; its misfit then
+    raised the level, and with it every other window's.)
 
     Args:
         fitter: of the candidates' family.
@@ -30,7 +29,7 @@ def estimate_hidden_states(
         records: the logs.
         candidates: of one family; their hidden states are changed.
         windows: indices of the windows, one array a record.
-        afresh: whether the rate and the angle as they were read are tried too.
+        afresh: whether the rate and the angle as the readings have them are tried too.
     """
     backlash = any(p.name == "gap" for c in candidates for e in c.effects for p in e.parameters)
     for which, chosen in enumerate(windows):
