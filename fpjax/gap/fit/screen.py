@@ -109,7 +109,7 @@ def from_bases(search: Screening, candidates: Sequence[Candidate], begun: Mappin
     for start in begun.values():
         if start.like is not None and start.like.family.key[0] == "transmission":
             bases.setdefault((start.effects, frozenset(start.wide)), {})[id(start.like)] = start.like
-    found: dict[tuple[object, ...], Candidate] = {}
+    found: dict[tuple[object, ...], Start] = {}
     for c in candidates:
         own = begun[id(c)].values
         for base in bases.get((c.effects, c.wide), {}).values():
@@ -117,8 +117,8 @@ def from_bases(search: Screening, candidates: Sequence[Candidate], begun: Mappin
             begins = {name: SMALL * own[name] for name in new & AMPLITUDES & own.keys()}
             begins |= {name: own[name] for name in new & SHAPES & own.keys()}
             start = Start(c.effects, tuple(c.wide), base.known_to(c) | begins, base)
-            found.setdefault((c.names, id(base), *sorted(begins.items())), search.candidate(start))
-    return list(found.values())
+            found.setdefault((c.names, id(base), *sorted(begins.items())), start)
+    return [search.candidate(start) for start in found.values()]
 
 
 def _own_start(c: Candidate) -> tuple[object, ...]:
