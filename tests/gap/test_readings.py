@@ -9,7 +9,7 @@ import pytest
 
 from fpjax import Log, diagnose
 from fpjax.gap.data.record import make_records
-from fpjax.gap.select.readings import LATE, readings, sure_readings
+from fpjax.gap.select.readings import LATE, material, readings, sure_readings
 from fpjax.gap.thresholds import THRESHOLDS
 
 
@@ -112,6 +112,14 @@ def test_what_is_below_a_thousandth_of_the_speed_is_the_differentiators():
     (one,) = make_records([turning(scale=1.0 + 2e-4, noise=1e-7)], [], 0.01)
     assert any(found.evidence > THRESHOLDS.decisive for found in readings(one, 0.01))
     assert sure_readings([one], 0.01) == ()
+
+
+@pytest.mark.parametrize(("scale", "cause"), [(1.02, True), (1.005, False)])
+def test_an_error_of_a_hundredth_of_the_speed_is_a_cause_however_little_torque_it_would_be(scale, cause):
+    (one,) = make_records([turning(scale=scale)], [], 0.01)
+    sure = sure_readings([one], 1e-9)
+    assert any(found.effect == "velocity_scale_error" for found in sure)
+    assert any(found.effect == "velocity_scale_error" for found in material(sure)) == cause
 
 
 @pytest.mark.long  # a diagnosis each

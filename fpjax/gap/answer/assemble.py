@@ -71,7 +71,7 @@ def assemble(
     pieces = [in_one_piece(record) for record in records]
     sure = () if contradiction else sure_readings(pieces, search.setting.inertia)
     sure = tuple(one for one in sure if not allowed or one.effect in allowed)
-    read, sure = material(sure, torque), tuple(one for one in sure if one.of_sensor)
+    read, sure = material(sure), tuple(one for one in sure if one.of_sensor)
     rounded = [rounding(records, step, search.setting.inertia)] if step > 0.0 else []
     slight = [one for one in sure if one not in read and one.effect in LATE]
     known = Read(

@@ -167,17 +167,14 @@ def rounding(records: Sequence[Record], step: float, inertia: float) -> Reading:
     return Reading(ROUNDING, {"step": (step, 6e-5 * step, "rad/s")}, deviation / speed, inertia * rate, np.inf)
 
 
-def material(readings: Sequence[Reading], torque: float, t: Thresholds = THRESHOLDS) -> tuple[Reading, ...]:
-    """The readings' errors that are large enough to be causes.
+def material(readings: Sequence[Reading], t: Thresholds = THRESHOLDS) -> tuple[Reading, ...]:
+    """The readings' errors that are large enough to be causes whatever else is amiss.
 
     Args:
         readings: that are sure, the largest first.
-        torque: rms of the commanded torque [N m].
         t: thresholds.
     """
-    return tuple(
-        one for one in readings if one.size > t.reading and (one.torque > t.nothing * torque or one.size > t.slight)
-    )
+    return tuple(one for one in readings if one.size > t.reading)
 
 
 def beside_gap(one: Reading, share: float, moving: float) -> float:
