@@ -118,10 +118,12 @@ def decide(search: Search, stage: Callable[[str, float], None], curves: Mapping[
         path.append(chosen.fit)
         chosen, rivals, tried = instead, found, [*tried, *found]
     stage("simpler causes", 0.0)
-    chosen = simpler(search, exact, chosen)
     if gap:
+        # Before anything simpler is tried: without it the Coulomb and viscous numbers stand for it too, and are no more
+        # wrong by one factor.
         chosen, found = _with_stribeck(search, exact, chosen, nominal)
         tried += found
+    chosen = simpler(search, exact, chosen)
     stage("what each cause takes", 0.0)
     shares = shares_of(search, exact, chosen.fit, [w.fit for w in tried])
     instead = _numbers_instead(search, exact, chosen, shares)
