@@ -30,7 +30,6 @@ from .fit.saved_fits import ResumingSearch, SavedFits, key_of
 from .fit.search import Search
 from .select.decision import decide
 from .select.late_torque import lags, late_torque, least_missing
-from .select.shorter_windows import follows_better, shorter
 from .simulate.family import Nominal
 from .stage_costs import COSTS
 
@@ -133,23 +132,17 @@ def _diagnose(
         late = 0.0 if doubts else late_torque(search, decision)
         if late > 0.0:
             clock("looking")
-            mended = {lag: _earlier(logs, withheld, late, lag) for lag in lags(late, search.setting.dt)}
-            searches = {lag: make_search(*some, model, effects, keep, again=True) for lag, some in mended.items()}
+            searches = {
+                lag: make_search(*_earlier(logs, withheld, late, lag), model, effects, keep, again=True)
+                for lag in lags(late, search.setting.dt)
+            }
             lag = least_missing(searches, decision)
             warnings.append(about_late_torque(everything, late, lag))
-            search, (logs, withheld) = searches[lag], mended[lag]
+            search = searches[lag]
             curves = curves_of(search)
             decision = decide(search, clock, curves.by)
-        while samples := shorter(search, decision):
-            clock("looking")
-            closer = make_search(logs, withheld, model, effects, keep, samples=samples, again=True)
-            own = curves_of(closer)
-            found = decide(closer, clock, own.by)
-            if not follows_better(found, decision):
-                break
-            search, curves, decision = closer, own, found
         clock("intervals and curves")
-        answer = assemble(search, decision, curves, model, warnings, allowed, clock, doubts[0] if doubts else "")
+        found = assemble(search, decision, curves, model, warnings, allowed, clock, doubts[0] if doubts else "")
     except np.linalg.LinAlgError as error:
         names = ", ".join(log.name for log in everything[:3])
         raise InputError(
@@ -159,8 +152,8 @@ def _diagnose(
         ) from error
     made = provenance(everything, search.records, model, allowed, started)
     clock.done()
-    warned = (*answer.warnings, *about_noise(everything, answer.gap.noise_floor, answer.gap.unit))
-    return Diagnosis.of(answer, seconds=clock.seconds, provenance=made, warnings=warned)
+    warned = (*found.warnings, *about_noise(everything, found.gap.noise_floor, found.gap.unit))
+    return Diagnosis.of(found, seconds=clock.seconds, provenance=made, warnings=warned)
 
 
 def _earlier(logs: Sequence[Log], withheld: Sequence[Log], late: float, lag: float) -> tuple[list[Log], list[Log]]:
@@ -175,7 +168,6 @@ def make_search(
     effects: tuple[Effect, ...] = EFFECTS,
     keep: SavedFits | None = None,
     *,
-    samples: int | None = None,
     again: bool = False,
 ) -> Search:
     """The search over one machine's logs, with the nominal model fitted and no effect tried yet.
@@ -186,14 +178,12 @@ def make_search(
         model: the nominal model.
         effects: the vocabulary.
         keep: the file that stores fits; None to store none.
-        samples: of every window; None for what the logs call for.
-        again: whether the file holds fits of the same logs already, before a column of them was moved, or in other
-            windows.
+        again: whether the file holds fits of the same logs already, before a column of them was moved.
 
     Raises:
         InputError: for logs that are too short, or differ in period or columns.
     """
-    records = make_records(logs, withheld, model.nominal["inertia"], samples)
+    records = make_records(logs, withheld, model.nominal["inertia"])
     if records[0].velocity is None:
         # Without a fitted rate reading its bias, scale, lag and delay change no residual.
         effects = tuple(effect for effect in effects if not on_rate_sensor(effect))

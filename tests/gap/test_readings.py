@@ -123,16 +123,25 @@ def test_an_error_of_a_hundredth_of_the_speed_is_a_cause_however_little_torque_i
 
 
 @pytest.mark.long  # a diagnosis each
-@pytest.mark.parametrize("late", [True, False])
-def test_a_slightly_late_velocity_is_told_with_its_twin_and_a_slight_scale_is_a_warning(late):
+@pytest.mark.parametrize("scale", [1.003, 1.02])
+def test_a_scale_of_a_hundredth_is_told_where_nothing_is_missing_and_a_slighter_one_is_a_warning(scale):
     log = numpy_machine.record()
-    reading = np.interp(log.time - 8e-4, log.time, log.velocity) if late else 1.003 * log.velocity
+    found = diagnose(dataclasses.replace(log, velocity=scale * log.velocity), gap_search.MODEL)
+    warned = any("velocity_scale_error" in warning for warning in found.warnings)
+    if scale < 1.0 + THRESHOLDS.reading:
+        assert (found.verdict, found.causes, warned) == ("no_gap", (), True)
+        return
+    assert (found.verdict, found.causes, warned) == ("explained", ("velocity_scale_error",), False)
+    assert found.ranking[0].parameters["scale"].value == pytest.approx(scale, rel=1e-3)
+    assert found.only_misread
+
+
+@pytest.mark.long
+def test_a_slightly_late_velocity_is_told_with_its_twin():
+    log = numpy_machine.record()
+    reading = np.interp(log.time - 8e-4, log.time, log.velocity)
     found = diagnose(dataclasses.replace(log, velocity=reading), gap_search.MODEL)
     assert not any("fitted windows alone" in warning for warning in found.warnings)
-    if not late:
-        assert (found.verdict, found.causes) == ("no_gap", ())
-        assert any("velocity_scale_error" in warning for warning in found.warnings)
-        return
     one, other = found.ranking[:2]
     assert found.verdict == "explained"
     assert found.causes == (one.effect,)

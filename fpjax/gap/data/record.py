@@ -121,16 +121,13 @@ class Record:
         return index
 
 
-def make_records(
-    logs: Sequence[Log], holdout: Sequence[Log], inertia: float, samples: int | None = None
-) -> list[Record]:
+def make_records(logs: Sequence[Log], holdout: Sequence[Log], inertia: float) -> list[Record]:
     """Logs of one machine as records, with one window length and one noise standard deviation a sensor for all.
 
     Args:
         logs: fitted; where nothing else is withheld, every fourth block of windows is.
         holdout: never fitted.
         inertia: nominal J [kg m^2], by which a torque becomes an acceleration that the sensors resolve or not.
-        samples: of every window; None for what the logs call for.
 
     Raises:
         InputError: for logs that are too short, or differ in period or columns.
@@ -142,37 +139,16 @@ def make_records(
     _check_alike(everything, columns)
     rates = common_noise([velocity for velocity, _ in columns])
     angles = common_noise([position for _, position in columns])
-    samples = samples or _samples_of_windows(everything, rates, angles, inertia)
+    shortest = min(len(log.time) for log in everything)
+    samples = max(
+        _window(log, rate, angle, inertia, shortest) for log, rate, angle in zip(everything, rates, angles, strict=True)
+    )
     count = sum(len(log.time) for log in everything)
     sides = ["none" if holdout else "blocks"] * len(logs) + ["all"] * len(holdout)
     return [
         _record(log, rate, angle, samples, side, count)
         for log, rate, angle, side in zip(everything, rates, angles, sides, strict=True)
     ]
-
-
-def _samples_of_windows(
-    logs: Sequence[Log], rates: Sequence[Channel | None], angles: Sequence[Channel | None], inertia: float
-) -> int:
-    shortest = min(len(log.time) for log in logs)
-    each = [_window(log, rate, angle, inertia, shortest) for log, rate, angle in zip(logs, rates, angles, strict=True)]
-    return max(each)
-
-
-def half_as_long(records: Sequence[Record], inertia: float) -> int:
-    """Samples of windows half as long; 0 where these would be too short, or too short for the sensors.
-
-    Args:
-        records: the logs, in windows as they are.
-        inertia: nominal J [kg m^2].
-    """
-    samples = records[0].samples // 2
-    resolved = all(
-        _resolved(one.velocity, one.position, inertia, samples * one.dt, one.dt)
-        < RESOLVED * float(np.sqrt(np.mean(np.square(one.torque))))
-        for one in records
-    )
-    return samples if samples >= SHORTEST and resolved else 0
 
 
 def _columns(log: Log) -> tuple[Channel | None, Channel | None]:

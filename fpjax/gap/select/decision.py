@@ -118,12 +118,16 @@ def decide(search: Search, stage: Callable[[str, float], None], curves: Mapping[
         path.append(chosen.fit)
         chosen, rivals, tried = instead, found, [*tried, *found]
     stage("simpler causes", 0.0)
+    # Before anything simpler is tried: without a Stribeck friction the Coulomb and viscous numbers stand for it too,
+    # and are no more wrong by one factor. Beside what is simpler it may be sure where beside the rest it was not.
     if gap:
-        # Before anything simpler is tried: without it the Coulomb and viscous numbers stand for it too, and are no more
-        # wrong by one factor.
         chosen, found = _with_stribeck(search, exact, chosen, nominal)
         tried += found
-    chosen = simpler(search, exact, chosen)
+    plain = simpler(search, exact, chosen)
+    if gap and plain is not chosen:
+        plain, found = _with_stribeck(search, exact, plain, nominal)
+        tried += found
+    chosen = plain
     stage("what each cause takes", 0.0)
     shares = shares_of(search, exact, chosen.fit, [w.fit for w in tried])
     instead = _numbers_instead(search, exact, chosen, shares)
