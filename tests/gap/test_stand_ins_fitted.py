@@ -61,7 +61,7 @@ def test_friction_numbers_do_not_stand_for_a_small_stribeck_friction():
 
 
 def test_simpler_causes_are_looked_for_beside_a_stribeck_friction(monkeypatch):
-    """Without it numbers that are wrong by one factor (1.4) were 1.8 and 1.2 times the given ones, and no gain."""
+    """Without it the Coulomb and viscous numbers stand for it, and are no more wrong by one factor."""
     machine = Machine(stribeck=0.03)
     effects = tuple(e for e in EFFECTS if e.name in (*NUMBERS, "cogging", "stribeck", "torque_gain_error"))
     model = load_model(body(machine.inertia, machine.coulomb, machine.viscous) + RUN)
