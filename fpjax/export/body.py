@@ -89,15 +89,15 @@ def body_of(loop: ClosedLoop, *, shaft: bool, lugre: bool) -> Body:
     """
     plant: Any = loop.plant
     if isinstance(plant, OneMass):
-        body, share = Body((_number(plant.inertia), 0.0)), 0.0
+        body, share, smooth = Body((_number(plant.inertia), 0.0)), 0.0, 0.0
     elif isinstance(plant, TwoMass | Transmission | SeriesTwoMass):
-        share = _number(plant.friction_share) if isinstance(plant, Transmission) else 1.0
+        share, smooth = (_number(each) for each in plant.on_load) if isinstance(plant, Transmission) else (1.0, 1.0)
         gap = _number(plant.gap) if isinstance(plant, Transmission) else 0.0
         body = Body((_number(plant.motor_inertia), _number(plant.load_inertia)))
         body.shaft = (_number(plant.stiffness), _number(plant.damping), gap)
         if not shaft or isinstance(plant, SeriesTwoMass):
             # One joint with the total inertia: all friction acts on it, the motor's place (share 0).
-            body, share = Body((sum(body.inertia), 0.0)), 0.0
+            body, share, smooth = Body((sum(body.inertia), 0.0)), 0.0, 0.0
             body.leftovers.append(Leftover("two masses: spring, damper and backlash", _as_one_mass))
         elif isinstance(plant, Transmission) and _number(plant.hardening) != 0.0:
             body.leftovers.append(Leftover("the hardening of the shaft", _with_even_spring))
@@ -106,14 +106,17 @@ def body_of(loop: ClosedLoop, *, shaft: bool, lugre: bool) -> Body:
             f"{type(plant).__name__} cannot be expressed in another simulator: export one mass, two masses or a "
             f"transmission."
         )
-    _friction(body, plant.friction, share, lugre)
+    _friction(body, plant.friction, share, smooth, lugre)
     _actuator(body, loop.actuator)
     _load(body, plant.load)
     return body
 
 
-def _friction(body: Body, law: Any, share: float, lugre: bool) -> None:
-    """Write a friction law into the body, `share` of it on the load; what does not fit becomes a leftover."""
+def _friction(body: Body, law: Any, share: float, smooth: float, lugre: bool) -> None:
+    """Write a friction law into the body, `share` of it and `smooth` of its viscous part on the load.
+
+    What does not fit becomes a leftover.
+    """
     if isinstance(law, Bristles):
         body.leftovers.append(Leftover("bristles (presliding)", lambda loop: _with_law(loop, lambda each: each.law)))
         law = law.law
@@ -129,7 +132,7 @@ def _friction(body: Body, law: Any, share: float, lugre: bool) -> None:
             # (sigma_0, sigma_1, F_c, F_s, v_s): with F_s = F_c the Stribeck curve is flat, and v_s has no effect
             found = (_number(law.stiffness), 0.0, _number(law.coulomb), _number(law.coulomb), 1.0)
         viscous = _number(law.viscous)
-        body.viscous = ((1.0 - share) * viscous, share * viscous)
+        body.viscous = ((1.0 - smooth) * viscous, smooth * viscous)
         if lugre and fits:
             body.lugre = found
             return
@@ -146,7 +149,7 @@ def _friction(body: Body, law: Any, share: float, lugre: bool) -> None:
     general: Any = law.general()
     coulomb, viscous = _number(general.coulomb), _number(general.viscous)
     body.coulomb = ((1.0 - share) * coulomb, share * coulomb)
-    body.viscous = ((1.0 - share) * viscous, share * viscous)
+    body.viscous = ((1.0 - smooth) * viscous, smooth * viscous)
     terms = {
         "friction by direction": ("coulomb_difference", "viscous_difference"),
         "Stribeck friction": ("stribeck_torque",),

@@ -1,5 +1,6 @@
 """Machine: the simulator's blocks without the controller, driven by the recorded torque (open loop)."""
 
+import dataclasses
 from typing import Literal
 
 import equinox as eqx
@@ -98,9 +99,11 @@ def nominal_machine(
             damping=plant.damping,
             friction=law,
             load=load,
+            viscous_share=1.0,
         )
     elif isinstance(plant, Transmission):
-        body = eqx.tree_at(lambda at: (at.friction, at.load), plant, (law, load))
+        # Its own shares of both kinds of friction, which an effect may set.
+        body = dataclasses.replace(plant, friction=law, load=load, viscous_share=plant.on_load.drag)
     elif isinstance(plant, OneMass):
         body = OneMass(plant.inertia, law if bristle is None else eqx.tree_at(lambda at: at.law, bristle, law), load)
     else:
@@ -129,7 +132,9 @@ def with_structure(machine: Machine, structure: Structure, frequency: float, def
         # The damping 0.1 c / w is a damping ratio of 0.05: d (4 / J) = 2 zeta w.
         stiffness = 0.25 * plant.inertia * (2.0 * jnp.pi * frequency) ** 2
         damping = 0.1 * stiffness / (2.0 * jnp.pi * frequency)
-        body = Transmission(plant.inertia, 0.5, stiffness, damping, machine.law, 0.0, 0.5, plant.load)
+        body = Transmission(
+            plant.inertia, 0.5, stiffness, damping, machine.law, 0.0, 0.5, plant.load, viscous_share=0.5
+        )
         return eqx.tree_at(lambda at: at.plant, machine, body)
     return machine
 

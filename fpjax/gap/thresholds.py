@@ -86,7 +86,8 @@ class Thresholds:
             dominant variable.
         behind: of the likeliest cause's probability [1], the most of a wrong reading's where a torque is missing that
             nobody explains.
-        twist: of the travel [1], by which friction alone may wind up a shaft.
+        twist: of the travel [1], by which friction alone may wind up a shaft that hardly rings.
+        rings: damping ratio of a shaft [1] below which it rings: five periods and more until a swing is a twentieth.
         ripple: of the sampling frequency [1], above which a torque that repeats with the position mostly passes too
             fast to be told.
         clearance: standard deviations of a backlash's gap by the cost's curvature [1], up to which it may be none.
@@ -170,6 +171,7 @@ class Thresholds:
     right_dominant: float = 0.8
     behind: float = 0.5
     twist: float = 0.2
+    rings: float = 0.1
     ripple: float = 0.3
     clearance: float = 2.0
     swallowed: float = 0.5

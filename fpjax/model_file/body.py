@@ -1,5 +1,6 @@
 """[plant], [transmission], [load], [actuator] and [sensor] <-> their blocks."""
 
+import dataclasses
 import math
 from typing import Any
 
@@ -38,6 +39,7 @@ TRANSMISSION = (
     Key("load_share", "1", "positive", 0.5),
     Key("friction_share", "1", "share", 1.0),
     Key("hardening", "N m/rad^3", "not negative", 0.0),
+    Key("viscous_share", "1", "share", None),
 )
 ACTUATOR = (
     Key("gain", "1", "positive", None),
@@ -122,7 +124,9 @@ def describe_plant(plant: AbstractPlant) -> dict[str, JsonObject]:
     """The [plant] and [transmission] sections of a plant."""
     if isinstance(plant, Transmission):
         inertia = {"type": "one_mass", "inertia": number(plant.inertia, "inertia")}
-        return {"plant": inertia, "transmission": numbers(plant, TRANSMISSION)}
+        alike = plant.viscous_share is not None and bool(plant.viscous_share == plant.friction_share)
+        told = dataclasses.replace(plant, viscous_share=None) if alike else plant
+        return {"plant": inertia, "transmission": numbers(told, TRANSMISSION)}
     return {"plant": form_for(plant, PLANTS, "plant").describe(plant)}
 
 

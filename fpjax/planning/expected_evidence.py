@@ -142,8 +142,8 @@ def _hidden(shop: Shop, lanes: RivalLanes, fields: dict[str, Array]) -> Float[Ar
 
     # The twist is that of the spring under the shaft's torque, plus half the backlash on the side that it presses.
     share = of("load_share")
-    friction = of("coulomb") * side + of("viscous") * speed
-    shaft = share * of("inertia") * slope + of("friction_share") * friction
+    friction = of("friction_share") * of("coulomb") * side + of("viscous_share") * of("viscous") * speed
+    shaft = share * of("inertia") * slope + friction
     stiffness = of("inertia") * share * (1.0 - share) * (2.0 * jnp.pi * of("frequency")) ** 2
     face = 0.5 * of("gap") * jnp.tanh(shaft / (0.1 * setting.friction))
     return jnp.stack([shaft / stiffness + face, nothing])

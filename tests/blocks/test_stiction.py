@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import fpjax as fp
+from fpjax.blocks.friction.base import WHOLE, AbstractFriction, Shares
 from fpjax.blocks.friction.general import GeneralFriction
 from fpjax.blocks.plants import TwoMassState
 from fpjax.blocks.plants.sticking import advance_exact
@@ -73,6 +74,7 @@ SLIDING = {
     "stribeck": (GeneralFriction(0.02, 0.05, stribeck_torque=0.3, stribeck_velocity=2.0), {}),
     "drag": (GeneralFriction(0.02, 0.05, drag_coefficient=0.03), {}),
     "both sides": (GeneralFriction(0.5, 0.05), {"friction_share": 0.3}),
+    "apart": (GeneralFriction(0.5, 0.05), {"friction_share": 0.8, "viscous_share": 0.1}),
     "damped": (GeneralFriction(1.0, 0.05), {"damping": 1.0}),
     "by load": (GeneralFriction(0.5, 0.05, load_coefficient=0.1), {"damping": 0.5}),
 }
@@ -125,17 +127,59 @@ def test_two_masses_at_rest_stick_and_have_slopes(share):
         np.testing.assert_allclose(slopes[0], slopes[1], atol=1e-12)
 
 
+@pytest.mark.parametrize("exact", [True, False])
+def test_viscous_friction_may_be_on_the_other_side_than_coulomb(exact):
+    """At a constant speed the shaft carries the load's friction, which is its share of each part."""
+    law = GeneralFriction(0.5, 0.05, drag_coefficient=0.01)
+    plant = _transmission(law, friction_share=0.8, viscous_share=0.1, damping=2.0)
+    torque, dt = jnp.float64(0.5 + 0.05 * 6.0 + 0.01 * 36.0), 1e-4
+
+    def period(state, _):
+        if exact:
+            return advance_exact(plant, state, torque, jnp.float64(0.0), jnp.float64(dt)), None
+        slope = plant.derivative(state, torque, jnp.float64(0.0))
+        return jax.tree.map(lambda at, by: at + dt * by, state, slope), None
+
+    start = TwoMassState(*(jnp.float64(value) for value in (6.0, 0.0, 6.0, 0.0)), ())
+    after, _ = jax.jit(lambda state: jax.lax.scan(period, state, None, 60_000))(start)
+    assert float(plant.shaft(after)) == pytest.approx(0.8 * 0.5 + 0.1 * (0.05 * 6.0 + 0.01 * 36.0), rel=1e-6)
+    assert float(plant.readout(after, torque, jnp.float64(0.0)).friction) == pytest.approx(float(torque), rel=1e-6)
+
+
+def test_without_a_viscous_share_both_kinds_are_divided_alike():
+    law = GeneralFriction(0.5, 0.05)
+    alike = _transmission(law, friction_share=0.3, viscous_share=0.3)
+    plain = _transmission(law, friction_share=0.3)
+    assert plain.on_load == Shares(plain.friction_share, plain.friction_share)
+    np.testing.assert_array_equal(*(_end(plant, 30.0, jnp.float64(1.0), 40) for plant in (alike, plain)))
+    # The larger share of either kind on a side counts for how fast the friction may brake it.
+    assert float(plain.rubbing_inertia()) == pytest.approx(0.025 / 0.7)
+    assert float(_transmission(law, friction_share=0.3, viscous_share=0.9).rubbing_inertia()) == pytest.approx(
+        0.025 / 0.9
+    )
+
+
+def test_a_viscous_share_of_a_law_without_a_smooth_part_is_refused():
+    class Rubbing(AbstractFriction):
+        def readout(self, state, motion, applied):
+            return 0.1 * motion.velocity
+
+    with pytest.raises(fp.InputError, match="Rubbing has no smooth part of its own, which a viscous_share"):
+        _transmission(Rubbing(), viscous_share=0.5)
+    assert _transmission(fp.NoFriction(), viscous_share=0.5).on_load.drag == 0.5  # nothing to divide
+
+
 def test_the_speed_after_a_step_is_continuous_in_that_before_it():
     """A body that stops just within the step and one that just does not: no jump between neighbours."""
     law = GeneralFriction(0.1, 0.0, stribeck_torque=0.4, stribeck_velocity=0.1)
     speeds = np.linspace(0.05, 0.6, 5501)
     after = jax.vmap(
-        lambda v: law.turn(Motion(v, 0.0 * v, 0.0 * v), -20.0 + 0.0 * v, jnp.float64(0.05), 1.0, jnp.float64(1e-3))
+        lambda v: law.turn(Motion(v, 0.0 * v, 0.0 * v), -20.0 + 0.0 * v, jnp.float64(0.05), WHOLE, jnp.float64(1e-3))
     )(jnp.asarray(speeds))
     assert np.max(np.abs(np.diff(after))) < 3.0 * (speeds[1] - speeds[0])
 
 
 def test_a_speed_too_small_to_be_squared_is_no_division_by_zero():
     law, none = GeneralFriction(0.0, 0.0), jnp.float64(0.0)
-    after = law.turn(Motion(jnp.float64(1e-170), none, none), none, jnp.float64(0.05), 1.0, jnp.float64(1e-3))
+    after = law.turn(Motion(jnp.float64(1e-170), none, none), none, jnp.float64(0.05), WHOLE, jnp.float64(1e-3))
     assert float(after) == 1e-170

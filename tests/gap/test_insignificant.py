@@ -87,20 +87,33 @@ def test_a_known_load_that_is_as_far_off_as_it_may_be_hides_no_other_effect():
 def test_a_shaft_that_carries_nothing_until_it_is_wound_up_is_none():
     setting = replace(SETTING, travel=20.0)
     search = SimpleNamespace(setting=setting, records=[SimpleNamespace(speed=np.full(100, 3.0))])
-    values = {"inertia": 4.8, "frequency": 10.0, "load_share": 0.5, "relative_hardening": 0.1}
+    values = {"inertia": 4.8, "frequency": 10.0, "damping_ratio": 0.2, "load_share": 0.5, "relative_hardening": 0.1}
     assert resolved(search, fitted(values, effects=("compliance",)))
     assert not resolved(search, fitted(values, effects=("compliance",), bounds=("relative_hardening",)))
     # Of two masses one is next to nothing.
-    assert not resolved(search, fitted(values, effects=("compliance",), bounds=("load_share",)))
+    for share in (0.05, 0.052, 0.95):
+        assert not resolved(search, fitted(values | {"load_share": share}, effects=("compliance",)))
     assert resolved(search, fitted(values, effects=("compliance",), bounds=("friction_share",)))
+
+
+@pytest.mark.parametrize(("ratio", "told"), [(0.0, True), (0.05, True), (0.2, False), (0.5, False)])
+def test_a_soft_spring_that_rings_is_told_and_one_that_follows_slow_torques_is_not(ratio, told):
+    search = SimpleNamespace(setting=SETTING, records=[SimpleNamespace(speed=np.full(100, 3.0))])
+    # J s (1 - s) (2 pi f)^2 = 1.07 N m/rad: a friction of 2 N m winds it up by 1.9 of 6 rad.
+    values = {"inertia": 4.8, "frequency": 0.15, "damping_ratio": ratio, "load_share": 0.5, "relative_hardening": 0.0}
+    ends = ("damping_ratio",) if ratio in (0.0, 0.5) else ()
+    assert resolved(search, fitted(values, effects=("compliance",), bounds=ends)) == told
+    # One that friction hardly winds up may be damped, but not overdamped.
+    stiff = values | {"frequency": 5.0}
+    assert resolved(search, fitted(stiff, effects=("compliance",), bounds=ends)) == (ratio < 0.5)
 
 
 @pytest.mark.parametrize(("deviation", "shown"), [(0.003, True), (0.01, False)])
 def test_a_backlash_whose_gap_may_be_none_is_a_spring_of_stiff_faces(deviation, shown):
     search = SimpleNamespace(setting=SETTING, records=[SimpleNamespace(speed=np.full(100, 3.0))])
-    fit = fitted({"gap": 0.012, "frequency": 20.0}, effects=("backlash",))
-    fit.candidate.normal = np.diag([deviation**-2, 1.0])
-    fit.candidate.spread = np.array([1.0, 1.0])
+    fit = fitted({"gap": 0.012, "frequency": 20.0, "load_share": 0.5}, effects=("backlash",))
+    fit.candidate.normal = np.diag([deviation**-2, 1.0, 1.0])
+    fit.candidate.spread = np.array([1.0, 1.0, 1.0])
     assert resolved(search, fit) == shown
     fit.candidate.at_bound = lambda: ["gap"]
     assert not resolved(search, fit)

@@ -188,7 +188,14 @@ def test_round_trip_is_exact(sections):
     MODEL.filter(lambda m: m["plant"]["type"] == "one_mass" and not MEMORY & {*m["friction"], m["friction"]["type"]}),
     table(
         {"stiffness": SIZES},
-        {"backlash": STEPS, "damping": SIZES, "load_share": SHARES, "friction_share": SHARES, "hardening": SIZES},
+        {
+            "backlash": STEPS,
+            "damping": SIZES,
+            "load_share": SHARES,
+            "friction_share": SHARES,
+            "hardening": SIZES,
+            "viscous_share": SHARES,
+        },
     ),
 )
 def test_round_trip_with_a_transmission(sections, transmission):  # fmt: skip

@@ -2,11 +2,10 @@
 
 from abc import abstractmethod
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
-from jax.typing import ArrayLike
 from jaxtyping import Array, PyTree
 
 from ...compiled.elementary import log
@@ -18,6 +17,25 @@ from ..signals import Motion
 
 # A speed [rad/s] that is zero in size but still has a sign: it asks a law for its level at rest in one direction.
 NEARLY_REST = 1e-30
+
+
+class Shares(NamedTuple):
+    """How much of a law acts on a body.
+
+    Attributes:
+        level: share of the set-valued part [1].
+        drag: share of the part that is smooth in velocity [1].
+    """
+
+    level: Array | float
+    drag: Array | float
+
+    def others(self) -> "Shares":
+        """What is left for the other body."""
+        return Shares(1.0 - self.level, 1.0 - self.drag)
+
+
+WHOLE = Shares(1.0, 1.0)
 
 
 class AbstractFriction(Block):
@@ -142,56 +160,56 @@ class AbstractStaticFriction(AbstractFriction):
         # are the same expressions and are computed once.
         half = 0.5 * dt
         motion = Motion(start.velocity, start.position + half * start.velocity, start.time + half, torque)
-        return *self._advanced(motion, start.position, torque - load(motion), inertia, 1.0, dt), state
+        return *self._advanced(motion, start.position, torque - load(motion), inertia, WHOLE, dt), state
 
-    def turn(self, motion: Motion, free: Array, inertia: Array, share: Array, dt: Array) -> Array:
-        """Speed [rad/s] of a body after dt [s] under a share of this law; at rest it sticks exactly.
+    def turn(self, motion: Motion, free: Array, inertia: Array, shares: Shares, dt: Array) -> Array:
+        """Speed [rad/s] of a body after dt [s] under its shares of this law; at rest it sticks exactly.
 
         Args:
             motion: the velocity at the start of the step, the position and time at its middle.
             free: torque on the body but for friction [N m].
             inertia: of the body [kg m^2].
-            share: the share of the friction that acts on this body [1].
+            shares: of the law, that act on this body.
             dt: length of the step [s].
         """
-        return self._advanced(motion, motion.position, free, inertia, share, dt)[0]
+        return self._advanced(motion, motion.position, free, inertia, shares, dt)[0]
 
-    def net(self, motion: Motion, free: Array, share: ArrayLike) -> Array:
-        """What a share of this law leaves of a torque on a body [N m]; of one at rest, what is above the level.
+    def net(self, motion: Motion, free: Array, shares: Shares) -> Array:
+        """What a body's shares of this law leave of a torque on it [N m]; of one at rest, what is above the level.
 
         Args:
             motion: of the body.
             free: torque on the body but for friction [N m].
-            share: the share of the friction that acts on this body [1].
+            shares: of the law, that act on this body.
         """
-        sliding = self._sliding(motion, free, share, jnp.sign(motion.velocity))
-        return jnp.where(motion.velocity == 0.0, self._above(motion, free, share), sliding)
+        sliding = self._sliding(motion, free, shares, jnp.sign(motion.velocity))
+        return jnp.where(motion.velocity == 0.0, self._above(motion, free, shares), sliding)
 
-    def _sliding(self, motion: Motion, free: Array, share: ArrayLike, side: Array) -> Array:
+    def _sliding(self, motion: Motion, free: Array, shares: Shares, side: Array) -> Array:
         """What is left of a torque on a body that slides in the direction of `side` [N m]."""
-        return free - share * (self.drag(motion) + side * self.level(motion))
+        return free - (shares.drag * self.drag(motion) + shares.level * side * self.level(motion))
 
-    def _above(self, motion: Motion, free: Array, share: ArrayLike) -> Array:
+    def _above(self, motion: Motion, free: Array, shares: Shares) -> Array:
         """soft(T, k) [N m]: what a torque on a body at rest is above the level, at a motion's place and time.
 
         The body can only start in the direction of what pushes it.
         """
         toward = jnp.where(free < 0.0, -NEARLY_REST, NEARLY_REST)
-        level = share * self.breakaway(Motion(toward, motion.position, motion.time, motion.torque))
+        level = shares.level * self.breakaway(Motion(toward, motion.position, motion.time, motion.torque))
         return free - jnp.clip(free, -level, level)
 
     def _advanced(
-        self, motion: Motion, position: Array, free: Array, inertia: Array, share: ArrayLike, dt: Array
+        self, motion: Motion, position: Array, free: Array, inertia: Array, shares: Shares, dt: Array
     ) -> tuple[Array, Array]:
         """(velocity, position) after dt, from `position`; the other arguments as of `turn`."""
         velocity, side = motion.velocity, jnp.sign(motion.velocity)
         mobility = 1.0 / inertia  # one division, which a loop over time does once
-        gained = dt * self._sliding(motion, free, share, side) * mobility
+        gained = dt * self._sliding(motion, free, shares, side) * mobility
         # Where the body stops within the step, its mean speed until then is half of that at the start.
         halfway = velocity + 0.5 * jnp.where((velocity + gained) * side > 0.0, gained, -velocity)
         middle = Motion(halfway, motion.position, motion.time, motion.torque)
-        sliding = self._sliding(middle, free, share, side) * mobility
-        return self._slip(velocity, position, free, sliding, middle, mobility, dt, share)
+        sliding = self._sliding(middle, free, shares, side) * mobility
+        return self._slip(velocity, position, free, sliding, middle, mobility, dt, shares)
 
     def _slip(
         self,
@@ -202,7 +220,7 @@ class AbstractStaticFriction(AbstractFriction):
         middle: Motion,
         mobility: Array,
         dt: Array,
-        share: ArrayLike,
+        shares: Shares,
     ) -> tuple[Array, Array]:
         """(velocity, position) after dt: slides at `sliding` [rad/s^2] until it stops, then sticks or breaks away.
 
@@ -215,7 +233,7 @@ class AbstractStaticFriction(AbstractFriction):
         # division by zero in an unselected branch still makes the gradient NaN.
         safe = jnp.where(crosses & (velocity != 0.0), sliding, 1.0)
         until = jnp.where(velocity != 0.0, -velocity / safe, 0.0)
-        turned = self._above(middle, free, share) * mobility * (dt - until)
+        turned = self._above(middle, free, shares) * mobility * (dt - until)
         # Both parts move at a constant acceleration, so the travel is the mean speed times the time.
         slid = position + 0.5 * dt * (velocity + after)
         stopped = position + 0.5 * until * velocity + 0.5 * (dt - until) * turned

@@ -3,6 +3,7 @@
 from jaxtyping import Array, PyTree
 
 from ..friction import AbstractStaticFriction
+from ..friction.base import Shares
 from ..signals import Motion
 from .masses import AbstractPlant
 from .transmission import Transmission
@@ -35,6 +36,6 @@ def mean_shaft(plant: Transmission, twist: Array, relative: Array, push: Array, 
     return plant.mean_shaft(twist, relative, push, mobility, dt)
 
 
-def turn(law: AbstractStaticFriction, motion: Motion, free: Array, inertia: Array, share: Array, dt: Array) -> Array:
+def turn(law: AbstractStaticFriction, motion: Motion, free: Array, inertia: Array, shares: Shares, dt: Array) -> Array:
     """`AbstractStaticFriction.turn` [rad/s]."""
-    return law.turn(motion, free, inertia, share, dt)
+    return law.turn(motion, free, inertia, shares, dt)

@@ -7,8 +7,9 @@ from jaxtyping import Array
 
 from ...compiled.native import once
 from ...errors import InputError
-from ..block import as_parameter, require_below, require_not_negative, require_positive
-from ..friction import AbstractFriction, AbstractStaticFriction
+from ..block import as_optional, as_parameter, require_below, require_not_negative, require_positive
+from ..friction import AbstractFriction, AbstractStaticFriction, NoFriction
+from ..friction.base import Shares
 from ..loads import AbstractLoad, NoLoad
 from ..signals import Motion, PlantOutput
 from .masses import AbstractPlant, TwoMassState, resonance_frequency
@@ -36,6 +37,9 @@ class Transmission(AbstractPlant):
         friction: the law, of the whole friction.
         load: a known load on the load side.
         hardening: c [N m/rad^3] of the spring's torque k_s twist + c twist^3; neutral 0.
+        viscous_share: share of the law's smooth part (viscous friction, drag) that acts on the load [1], where it is
+            divided otherwise than the rest: the back-EMF of a motor under a voltage is viscous friction of the motor
+            alone. None: as `friction_share`.
     """
 
     inertia: Array = eqx.field(converter=as_parameter)
@@ -47,6 +51,7 @@ class Transmission(AbstractPlant):
     friction_share: Array = eqx.field(converter=as_parameter, default=1.0)
     load: AbstractLoad = NoLoad()
     hardening: Array = eqx.field(converter=as_parameter, default=0.0)
+    viscous_share: Array | None = eqx.field(converter=as_optional, default=None)
 
     def __check_init__(self) -> None:
         require_positive(self, "inertia", "kg m^2")
@@ -56,11 +61,17 @@ class Transmission(AbstractPlant):
         require_not_negative(self, "gap", "rad")
         require_not_negative(self, "friction_share", "1")
         require_not_negative(self, "hardening", "N m/rad^3")
+        require_not_negative(self, "viscous_share", "1")
         require_below(self, "load_share", 1.0)
         if jax.tree.leaves(self.friction.init()):
             raise InputError(
                 f"Transmission: {type(self.friction).__name__} has a state of its own, and the friction here is "
                 "shared by two bodies: use a static law, or TwoMass for a law with memory on the load."
+            )
+        if self.viscous_share is not None and not isinstance(self.friction, AbstractStaticFriction | NoFriction):
+            raise InputError(
+                f"Transmission: {type(self.friction).__name__} has no smooth part of its own, which a viscous_share "
+                "would divide: leave it out, or use a law such as CoulombViscous or GeneralFriction."
             )
 
     @property
@@ -73,10 +84,19 @@ class Transmission(AbstractPlant):
         """J_m [kg m^2]."""
         return (1.0 - self.load_share) * self.inertia
 
+    @property
+    def on_load(self) -> Shares:
+        """Shares of the friction that act on the load; the rest acts on the motor."""
+        return Shares(self.friction_share, self.friction_share if self.viscous_share is None else self.viscous_share)
+
     def rubbing_inertia(self) -> Array:
-        """The smaller of both sides' inertia over the share of friction on it [kg m^2]."""
-        share = jnp.clip(self.friction_share, 1e-9, 1.0 - 1e-9)
-        return jnp.minimum(self.load_inertia / share, self.motor_inertia / (1.0 - share))
+        """The smaller of both sides' inertia over the larger share of friction on it [kg m^2]."""
+
+        def per_share(inertia: Array, shares: Shares) -> Array:
+            return inertia / jnp.maximum(jnp.maximum(shares.level, shares.drag), 1e-9)
+
+        on_load = self.on_load
+        return jnp.minimum(per_share(self.load_inertia, on_load), per_share(self.motor_inertia, on_load.others()))
 
     def resonance(self) -> Array:
         """Free-free resonance [Hz] (3.15) in contact, of small twists."""
@@ -107,9 +127,9 @@ class Transmission(AbstractPlant):
         shaft = self.shaft(state)
         motor = Motion(state.motor_velocity, state.motor_position, time, torque)
         load = Motion(state.load_velocity, state.load_position, time, shaft)
-        on_load, share = shaft - self.load.readout(load), self.friction_share
-        motor_friction = (1.0 - share) * self.friction.readout((), motor, torque - shaft)
-        load_friction = share * self.friction.readout((), load, on_load)
+        on_load = shaft - self.load.readout(load)
+        motor_friction = self._rubbing(self.on_load.others(), motor, torque - shaft)
+        load_friction = self._rubbing(self.on_load, load, on_load)
         return TwoMassState(
             (torque - shaft - motor_friction) / self.motor_inertia,
             state.motor_velocity,
@@ -120,14 +140,21 @@ class Transmission(AbstractPlant):
 
     def readout(self, state: TwoMassState, torque: Array, time: Array) -> PlantOutput:
         """Both sides' velocities and positions; friction is that of both."""
-        shaft, share = self.shaft(state), self.friction_share
+        shaft = self.shaft(state)
         motor = Motion(state.motor_velocity, state.motor_position, time, torque)
         load = Motion(state.load_velocity, state.load_position, time, shaft)
-        friction: Array = (1.0 - share) * self.friction.readout((), motor, torque - shaft)
-        friction = friction + share * self.friction.readout((), load, shaft - self.load.readout(load))
+        friction = self._rubbing(self.on_load.others(), motor, torque - shaft)
+        friction = friction + self._rubbing(self.on_load, load, shaft - self.load.readout(load))
         return PlantOutput(
             state.load_velocity, state.load_position, state.motor_velocity, state.motor_position, friction
         )
+
+    def _rubbing(self, shares: Shares, motion: Motion, applied: Array) -> Array:
+        """Friction torque [N m] of one side, under its shares of the law."""
+        torque: Array = shares.level * self.friction.readout((), motion, applied)
+        if self.viscous_share is None or not isinstance(self.friction, AbstractStaticFriction):
+            return torque
+        return torque + (shares.drag - shares.level) * self.friction.drag(motion)
 
     def advance(self, state: TwoMassState, torque: Array, time: Array, dt: Array) -> TwoMassState:
         """Half a step of the positions, a whole step of the speeds, half a step of the positions (leapfrog)."""
@@ -140,17 +167,18 @@ class Transmission(AbstractPlant):
         twist, relative = motor_position - load_position, state.motor_velocity - state.load_velocity
         of_motor, of_load = 1.0 / self.motor_inertia, 1.0 / self.load_inertia
         # What turns the masses against each other, but for the shaft: its damper answers to the speed that this makes.
-        started, share = self.shaft(state), self.friction_share
+        started, on_load = self.shaft(state), self.on_load
+        on_motor = on_load.others()
         motor = Motion(state.motor_velocity, motor_position, time + half, torque)
         load = Motion(state.load_velocity, load_position, time + half, started)
         held = self.load.readout(load)
-        ahead = law.net(motor, torque - started, 1.0 - share) + started
-        behind = started - law.net(load, started - held, share)
+        ahead = law.net(motor, torque - started, on_motor) + started
+        behind = started - law.net(load, started - held, on_load)
         push = once(ahead * of_motor + behind * of_load)
         shaft = once(self.mean_shaft(twist, relative, push, of_motor + of_load, dt))
         load = Motion(state.load_velocity, load_position, time + half, shaft)
-        motor_velocity = law.turn(motor, torque - shaft, self.motor_inertia, 1.0 - share, dt)
-        load_velocity = law.turn(load, shaft - held, self.load_inertia, share, dt)
+        motor_velocity = law.turn(motor, torque - shaft, self.motor_inertia, on_motor, dt)
+        load_velocity = law.turn(load, shaft - held, self.load_inertia, on_load, dt)
         return TwoMassState(
             motor_velocity,
             motor_position + half * motor_velocity,

@@ -48,6 +48,7 @@ class Setting:
         weight: values by name of the unbalance that fits the missing torque best; empty where none was fitted.
         contacts: start values by name of backlashes, the most likely first; None where they were not searched for,
             empty where no stretch of the log could be used.
+        springs: likewise of springs, the sensors on either side.
     """
 
     inertia: float
@@ -70,6 +71,7 @@ class Setting:
     waves: Mapping[str, tuple[Mapping[str, float], ...]] = field(default_factory=dict)
     weight: Mapping[str, float] = field(default_factory=dict)
     contacts: tuple[Mapping[str, float], ...] | None = None
+    springs: tuple[Mapping[str, float], ...] | None = None
 
     @property
     def periods(self) -> tuple[float, ...]:

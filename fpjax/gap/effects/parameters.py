@@ -277,10 +277,14 @@ def _between_samples(setting: Setting) -> float:
     return setting.speed * setting.dt / (12.0 * reversals) ** 0.5
 
 
-# Clearance up to 50 ms of motion at top speed; beyond it the load would be free for most of a reversal.
+def largest_gap(setting: Setting) -> float:
+    """Largest clearance [rad]: 50 ms of motion at top speed, or a quarter of the travel: beyond, the load is loose."""
+    return max(0.05 * setting.speed, 0.25 * setting.travel)
+
+
 GAP = EffectParameter(
-    "gap", "rad", _ZERO, _ZERO, _times("speed", 0.05), _times("speed", 1e-3), "plant.gap", blur=_between_samples
-)  # fmt: skip
+    "gap", "rad", _ZERO, _ZERO, largest_gap, _times("speed", 1e-3), "plant.gap", blur=_between_samples
+)
 # A resonance that the data can show: at least one period a window, and at most a third of the Nyquist frequency.
 FREQUENCY = EffectParameter(
     "frequency",
@@ -295,13 +299,15 @@ DAMPING_RATIO = EffectParameter("damping_ratio", "1", _constant(0.1), _ZERO, _co
 # Within a backlash both may be larger: stiff faces, and contacts that dissipate.
 FACE_FREQUENCY = replace(FREQUENCY, high=highest_contact)
 FACE_RATIO = replace(DAMPING_RATIO, high=_constant(HIGHEST_FACE_RATIO))
-# Shares of the total inertia and of the friction on the load side of the transmission.
+# Shares of the total inertia, of the Coulomb and of the viscous friction on the load side of the transmission: the
+# back-EMF of a motor under a voltage is viscous friction of the motor alone, while carts and gears rub by themselves.
 LOAD_SHARE = EffectParameter(
     "load_share", "1", _constant(0.5), _constant(0.05), _constant(0.95), _constant(0.1), "plant.load_share"
 )
 FRICTION_SHARE = EffectParameter(
     "friction_share", "1", _constant(0.5), _ZERO, _constant(1.0), _constant(0.2), "plant.friction_share"
 )
+VISCOUS_SHARE = replace(FRICTION_SHARE, name="viscous_share", path="plant.viscous_share")
 # The secant stiffness of a shaft grows as 1 + h (k twist)^2: h = c / k^3 of k twist + c twist^3. Under the largest
 # command it is ten times that of small twists at most; a shaft that carries next to nothing before is a backlash. (Four
 # times was too little on one of five development logs.)

@@ -56,6 +56,7 @@ from .parameters import (
     VELOCITY_LAG,
     VISCOUS,
     VISCOUS_DIFFERENCE,
+    VISCOUS_SHARE,
     fewest_periods,
     highest_frequency,
     lowest_frequency,
@@ -148,20 +149,24 @@ def _two_mass_start(
         "damping_ratio": ratio,
         "load_share": share,
         "friction_share": 0.5,
+        "viscous_share": 0.5,
         "load_side": side,
     }
     return start | more
 
 
 def _compliance_starts(setting: Setting) -> list[dict[str, float]]:
-    """Two to six resonances, a factor of about 1.8 apart, each with the sensors on either side."""
+    """Those that the motion suggests, and two to six resonances, a factor of about 1.8 apart, the sensors on either
+    side.
+    """
     # Within what a window and the sampling can show, with a margin: a start at a bound has no gradient.
     low, high = 1.5 * lowest_frequency(setting), 0.8 * highest_frequency(setting)
     if not low < high:
         return []
     count = int(np.clip(np.ceil(np.log(high / low) / np.log(1.8)), 2, 6))
     frequencies = np.geomspace(low, high, count)
-    return [_two_mass_start(setting, float(f), 0.4, 0.05, side) for f in frequencies for side in (0.0, 1.0)]
+    plain = [_two_mass_start(setting, float(f), 0.4, 0.05, side) for f in frequencies for side in (0.0, 1.0)]
+    return [*(dict(start) for start in setting.springs or ()), *plain]
 
 
 def _backlash_starts(setting: Setting) -> list[dict[str, float]]:
@@ -176,7 +181,7 @@ def _joined(*more: EffectParameter) -> Callable[[Machine, Values], Machine]:
     """The `apply` of an effect of the transmission: stiffness, damping and shares, and further parameters by path."""
 
     def apply(machine: Machine, values: Values) -> Machine:
-        parameters = (LOAD_SHARE, FRICTION_SHARE, LOAD_SIDE, *more)
+        parameters = (LOAD_SHARE, FRICTION_SHARE, VISCOUS_SHARE, LOAD_SIDE, *more)
         share, stiffness = values["load_share"], stiffness_of(values)
         # The relative motion of the two masses has the reduced inertia J s (1 - s); critical damping is 2 sqrt(k J_r).
         reduced = values["inertia"] * share * (1.0 - share)
@@ -311,7 +316,7 @@ EFFECTS: tuple[Effect, ...] = (
     _effect("quadratic_drag", (DRAG,), report=lambda v, s: {"coefficient": (v["drag_coefficient"], "N m s^2/rad^2")}),
     _effect(
         "backlash",
-        (GAP, FACE_FREQUENCY, FACE_RATIO, LOAD_SHARE, FRICTION_SHARE),
+        (GAP, FACE_FREQUENCY, FACE_RATIO, LOAD_SHARE, FRICTION_SHARE, VISCOUS_SHARE),
         apply=_JOINED_WITH_BACKLASH,
         starts=_backlash_starts,
         report=lambda v, s: {"gap": (v["gap"], "rad")},
@@ -320,7 +325,7 @@ EFFECTS: tuple[Effect, ...] = (
     ),
     _effect(
         "compliance",
-        (FREQUENCY, DAMPING_RATIO, LOAD_SHARE, FRICTION_SHARE, HARDENING),
+        (FREQUENCY, DAMPING_RATIO, LOAD_SHARE, FRICTION_SHARE, VISCOUS_SHARE, HARDENING),
         apply=_JOINED,
         starts=_compliance_starts,
         report=_compliance,

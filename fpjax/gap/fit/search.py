@@ -15,7 +15,6 @@ from ..data.tables import Tables
 from ..effects.effect import Effect
 from ..simulate.family import Family, Key, Nominal, Runner, key_for, make_family
 from ..simulate.hidden_states import HiddenStates
-from .backlash_starts import contact_starts
 from .band import highest_of_speed, level_with_bursts, real_noise, unanswered
 from .candidate import NOMINAL, Candidate, Fit, Start, make_candidate
 from .guide import guide_bandwidth
@@ -27,10 +26,13 @@ from .modes import Modes
 from .period_starts import repeating_waves, turning_weight
 from .score import scores
 from .screen import few_windows, from_bases, screened
+from .shaft_starts import Log, contact_starts, spring_starts
 
 # Successive halving: after screening ever fewer sets get ever more steps.
 STAGES = ((3, 40), (4, 14), (8, 8), (25, 6))  # (steps on all fitted windows, number of sets that get them)
 AFTER = (0.56, 0.62, 0.67, 0.78)  # share of the run time that is over after each [1]; for the progress display alone
+FIRST, THEN = 4, 2  # starts of a transmission that go on from a few windows to all, and after some steps there
+MET = 0.5  # of a typical change of each parameter [1], within which two fits of the same causes have met
 COLOURED = 25  # most steps with a level of the missing torque for each octave (coloured, not white)
 BAND = 0.25  # of the Nyquist frequency: above it residuals show the drive's sampling and rounding, not a cause of a gap
 
@@ -177,14 +179,15 @@ class Search:
         # Periods and contacts beside fitted nominal values; an unbalance beside the given ones, since a free inertia
         # takes up much of a pendulum's torque.
         free, given = (self.missing_course(c) for c in (self.base, self.exact))
-        contacts, widest = None, self._widest()
+        contacts, springs, widest = None, None, self._widest()
         backlash = [effect for effect in self.effects if effect.name == "backlash"]
         if backlash:
             hidden_states = self.hidden_states[self.fitter(key_for(tuple(backlash), self.setting)).family.key]
-            nominal = {name: self.base.values()[name] for name in NOMINAL}
-            contacts = contact_starts(hidden_states, which, self.records[which], free[which], nominal, self.setting)
+            fitted, as_given = ({name: c.values()[name] for name in NOMINAL} for c in (self.base, self.exact))
+            log = Log(hidden_states, which, self.records[which], free[which], fitted, as_given, self.setting)
+            contacts, springs = contact_starts(log), spring_starts(log)
         self.setting = replace(
-            self.setting, contacts=contacts,
+            self.setting, contacts=contacts, springs=springs,
             waves=repeating_waves(free[widest], self.records[widest], self.setting),
             weight=turning_weight(given[widest], self.records[widest]),
             # A nominal model without friction is no scale for a Stribeck torque or a dead zone.
@@ -289,13 +292,7 @@ class Search:
         started = self._started(starts, white=white)
         begun = {id(c): start for c, start in zip(started, starts, strict=True)}
         candidates = screened(self, started, keep[0] if keep else 0, white=white)
-        best: dict[tuple[str, ...], list[Candidate]] = {}
-        for c in sorted(candidates, key=lambda c: c.cost):
-            group = best.setdefault(c.names, [])
-            # A transmission has several local minima: its two best starts go on.
-            if len(group) < (2 if c.family.key[0] == "transmission" else 1):
-                group.append(c)
-        going = [c for group in best.values() for c in group]
+        going = _leading(candidates, FIRST)
         left: dict[tuple[str, ...], Candidate] = {}  # sets dropped after some steps on all windows; scored as they are
         for stage, (steps, most) in enumerate(STAGES):
             most = keep[stage] if stage < len(keep) else most
@@ -317,6 +314,7 @@ class Search:
                     left.setdefault(c.names, c)
             going = [c for c in going if c.names in sets]
             if stage > 0:  # until then costs are those of a few windows
+                going = _leading(going, THEN)
                 _compared(going)
             self.go_on(going, self.train, steps, white=white)
             self.tick(AFTER[stage])
@@ -359,6 +357,26 @@ class Search:
             c.converged, c.damping = False, min(c.damping, 1.0)
         self.go_on(candidates, self.train, steps, white=False)
         return scores(self, candidates)
+
+
+def _leading(candidates: Collection[Candidate], most: int) -> list[Candidate]:
+    """The best candidate of each set of causes; of those with a transmission, which has several local minima, the
+    `most` best that have not met.
+    """
+    best: dict[tuple[str, ...], list[Candidate]] = {}
+    for c in sorted(candidates, key=lambda c: c.cost):
+        group = best.setdefault(c.names, [])
+        room = len(group) < (most if c.family.key[0] == "transmission" else 1)
+        if room and not any(_met(c, other) for other in group):
+            group.append(c)
+    return [c for group in best.values() for c in group]
+
+
+def _met(c: Candidate, other: Candidate) -> bool:
+    """Whether two candidates of the same causes are within half a typical change of each other."""
+    apart = np.abs(c.vector[c.free] - other.vector[c.free]) / c.scale
+    fixed = np.delete(np.arange(len(c.vector)), c.free)  # the side of the sensors
+    return bool(np.all(apart < MET) and np.array_equal(c.vector[fixed], other.vector[fixed]))
 
 
 def _compared(candidates: Collection[Candidate]) -> None:

@@ -4,13 +4,14 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from ..effects.parameters import AMPLITUDES
+from ..effects.parameters import AMPLITUDES, HIGHEST_RATIO, LOAD_SHARE
 from ..effects.vocabulary import stiffness_of
 from ..fit.candidate import Fit
 from ..fit.search import Search
 from ..thresholds import THRESHOLDS, Thresholds
 
 NONE = 1e-3  # of the friction: a torque below it is none [1]
+LIGHT = 1.1  # the lighter mass, over the lightest that is fitted, below which it is none [1]
 PERIODIC = {"cogging": "cogging_periods", "position_dependent_friction": "ripple_periods"}
 
 
@@ -18,8 +19,9 @@ def resolved(search: Search, fit: Fit, t: Thresholds = THRESHOLDS) -> bool:
     """Whether the effects of a fit are seen, and do not only absorb what is left.
 
     A spring absorbs at the end of what the data can show, overdamped, or so soft that friction winds it up by a
-    good part of the travel: it follows any slow torque, and is no machine's transmission; one that carries next to
-    nothing until it is wound up is a backlash. A mass at one of its ends that is a twentieth of all or less is no
+    good part of the travel and so damped that it hardly rings: it follows any slow torque, and is no machine's
+    transmission, while one that rings is told by its resonance; one that carries next to nothing until it is wound up
+    is a backlash. A mass that is hardly more than a twentieth of all is no
     second mass. A backlash may be overdamped, its contacts tell of it; with a gap
     that may be none it is such a spring, and at its largest one the load is loose. A ripple that passes faster than
     the samples can tell is one of their own making. A torque amplitude that ends at its largest value, more than
@@ -50,12 +52,15 @@ def resolved(search: Search, fit: Fit, t: Thresholds = THRESHOLDS) -> bool:
     for effect, periods in PERIODIC.items():
         if effect in c.structural and values[periods] * usual / (2.0 * np.pi) > t.ripple / setting.dt:
             return False
-    if {"compliance", "backlash"} & set(c.structural) and "load_share" in ends:
-        return False
-    if "compliance" in c.structural:
-        if {"frequency", "damping_ratio", "relative_hardening"} & ends:
+    if {"compliance", "backlash"} & set(c.structural):
+        low, high = (side(setting) for side in (LOAD_SHARE.low, LOAD_SHARE.high))
+        if min(values["load_share"] / low, (1.0 - values["load_share"]) / (1.0 - high)) < LIGHT:
             return False
-        return float(stiffness_of(values)) * t.twist * setting.travel > setting.friction
+    if "compliance" in c.structural:
+        if {"frequency", "relative_hardening"} & ends or values["damping_ratio"] >= HIGHEST_RATIO:
+            return False
+        wound = setting.friction / float(stiffness_of(values))
+        return wound < t.twist * setting.travel or values["damping_ratio"] < t.rings
     if "backlash" in c.structural:
         return "gap" not in ends and values["gap"] > t.clearance * _Known(fit).deviation("gap")
     return True

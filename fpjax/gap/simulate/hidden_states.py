@@ -178,7 +178,7 @@ def _driven(
     h = tables.dt / substeps
     # With the sensor on the load, the motor is simulated, and the other way round.
     inertia = jnp.where(on_load, plant.motor_inertia, plant.load_inertia)
-    share = jnp.where(on_load, 1.0 - plant.friction_share, plant.friction_share)
+    shares = jax.tree.map(lambda share: jnp.where(on_load, 1.0 - share, share), plant.on_load)
     half = 0.5 * plant.gap
     actuator = machine.actuator
     assert actuator.gain is not None
@@ -209,7 +209,7 @@ def _driven(
             shaft = mean_shaft(plant, twist, relative, (plain + held) / inertia, 1.0 / inertia, h)
             mean = mean + shaft / substeps
             free = jnp.where(on_load, plain - shaft, shaft - held)
-            velocity = turn(law, Motion(velocity, position, jnp.zeros_like(position), free), free, inertia, share, h)
+            velocity = turn(law, Motion(velocity, position, jnp.zeros_like(position), free), free, inertia, shares, h)
             position = position + 0.5 * h * velocity
         return (position, velocity), keep(mean)
 
