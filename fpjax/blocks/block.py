@@ -126,6 +126,13 @@ def require_below(owner: object, name: str, limit: float) -> None:
         raise InputError(f"{type(owner).__name__}: {name} must be below {limit:g}, got {_show(value)}.")
 
 
+def require_share(owner: object, name: str) -> None:
+    """Raise `InputError` unless the concrete field `name` of `owner` is from 0 to 1."""
+    value = _concrete(getattr(owner, name))
+    if value is not None and not np.all((value >= 0) & (value <= 1)):
+        raise InputError(f"{type(owner).__name__}: {name} must be from 0 to 1, got {_show(value)}: it is a share.")
+
+
 def require_not_below(owner: object, name: str, other: str, unit: str) -> None:
     """Raise `InputError` unless the concrete field `name` of `owner` is at least its field `other`."""
     value, least = _concrete(getattr(owner, name)), _concrete(getattr(owner, other))

@@ -87,7 +87,7 @@ class Thresholds:
         behind: of the likeliest cause's probability [1], the most of a wrong reading's where a torque is missing that
             nobody explains.
         twist: of the travel [1], by which friction alone may wind up a shaft that hardly rings.
-        rings: damping ratio of a shaft [1] below which it rings: five periods and more until a swing is a twentieth.
+        rings: damping ratio of a shaft [1] below which it rings: five periods or so until a swing is a twentieth.
         ripple: of the sampling frequency [1], above which a torque that repeats with the position mostly passes too
             fast to be told.
         clearance: standard deviations of a backlash's gap by the cost's curvature [1], up to which it may be none.

@@ -1,6 +1,5 @@
 """[plant], [transmission], [load], [actuator] and [sensor] <-> their blocks."""
 
-import dataclasses
 import math
 from typing import Any
 
@@ -124,9 +123,10 @@ def describe_plant(plant: AbstractPlant) -> dict[str, JsonObject]:
     """The [plant] and [transmission] sections of a plant."""
     if isinstance(plant, Transmission):
         inertia = {"type": "one_mass", "inertia": number(plant.inertia, "inertia")}
-        alike = plant.viscous_share is not None and bool(plant.viscous_share == plant.friction_share)
-        told = dataclasses.replace(plant, viscous_share=None) if alike else plant
-        return {"plant": inertia, "transmission": numbers(told, TRANSMISSION)}
+        table = numbers(plant, TRANSMISSION)
+        if table.get("viscous_share") == number(plant.friction_share, "friction_share"):
+            del table["viscous_share"]
+        return {"plant": inertia, "transmission": table}
     return {"plant": form_for(plant, PLANTS, "plant").describe(plant)}
 
 

@@ -183,3 +183,9 @@ def test_a_speed_too_small_to_be_squared_is_no_division_by_zero():
     law, none = GeneralFriction(0.0, 0.0), jnp.float64(0.0)
     after = law.turn(Motion(jnp.float64(1e-170), none, none), none, jnp.float64(0.05), WHOLE, jnp.float64(1e-3))
     assert float(after) == 1e-170
+
+
+@pytest.mark.parametrize("share", ["friction_share", "viscous_share"])
+def test_a_share_of_friction_beyond_all_of_it_is_refused(share):
+    with pytest.raises(fp.InputError, match=f"Transmission: {share} must be from 0 to 1, got 1.5: it is a share"):
+        _transmission(GeneralFriction(0.5, 0.05), **{share: 1.5})

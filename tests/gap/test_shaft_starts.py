@@ -1,4 +1,6 @@
-"""A load that hangs in a gap and rattles, found from a log of the motor; the machine is written in plain numpy."""
+"""A load that hangs in a gap or on a spring, found with the measured motion imposed; machines in plain numpy."""
+
+from types import SimpleNamespace
 
 import gap_search
 import numpy as np
@@ -7,9 +9,11 @@ import pytest
 
 from fpjax import diagnose, load_model
 from fpjax.gap import EFFECTS
+from fpjax.gap.effects.parameters import largest_gap
 from fpjax.gap.fit.candidate import NOMINAL, Start
 from fpjax.gap.fit.hidden_starts import estimate_hidden_states
 from fpjax.gap.fit.screen import from_bases
+from fpjax.gap.fit.shaft_starts import Log, _Objective, _searched
 from fpjax.gap.select.starts import alone
 from fpjax.gap.verb import make_search
 
@@ -58,9 +62,126 @@ def test_the_motion_shows_the_gap_before_anything_is_fitted(search):
     assert [start["gap"] for start in starts] == [start["gap"] for start in search.setting.contacts]
 
 
+SPRING, ON_LOAD = 20.0, 0.35  # N m/rad: 5.17 Hz of the two halves; N m of dry friction, all of it on the load
+OTHER = 0.02  # kg m^2 of each mass
+
+
+class Carried:
+    """A load on an undamped spring that rubs by itself: the motor has viscous friction alone, as under a voltage.
+
+    `sensor` is "motor" for a log of the motor; else the log is of the load, and the motor is simulated here.
+    """
+
+    def __init__(self, step, sensor):
+        self.step, self.sensor = step, sensor
+        self.angle, self.speed = 0.0, 0.0
+
+    def __call__(self, time, speed, angle, command):
+        shaft = SPRING * (angle - self.angle)
+        if self.sensor == "motor":
+            moved = self.speed + self.step * shaft / OTHER
+            lost = self.step * ON_LOAD / OTHER
+            self.speed = np.copysign(max(abs(moved) - lost, 0.0), moved)
+            self.angle += self.step * self.speed
+            return -shaft
+        self.speed += self.step * (command + shaft - 0.05 * self.speed) / OTHER
+        self.angle += self.step * self.speed
+        return -shaft - command
+
+
+@pytest.fixture(scope="module", params=["motor", "load"])
+def sprung(request):
+    on_motor = request.param == "motor"
+    machine = numpy_machine.Machine(
+        inertia=OTHER, coulomb=0.0 if on_motor else ON_LOAD, viscous=0.05 if on_motor else 0.0, kp=0.0, ki=0.0
+    )
+    time = 1e-3 * np.arange(8000)
+    push = 1.2 * np.sign(np.sin(2 * np.pi * 0.53 * time)) + 0.3 * np.sin(2 * np.pi * 1.7 * time)
+    log = numpy_machine.record(
+        machine, feedforward=push, reference=np.zeros(8000), extra=Carried(1e-3 / 20, request.param)
+    )
+    return request.param, log
+
+
+SPRUNG = gap_search.MODEL.replace("0.05", str(2 * OTHER)).replace("0.4", str(ON_LOAD)).replace("0.03", "0.05")
+
+
+@pytest.mark.long
+def test_a_spring_whose_friction_is_divided_unevenly_is_found_from_either_side(sprung):
+    _, log = sprung
+    found = diagnose(log, SPRUNG, effects=tuple(e for e in EFFECTS if e.name in NAMES))
+    assert found.verdict == "explained"
+    assert found.causes[0] == "compliance"
+    told = found.ranking[0].parameters
+    assert told["frequency"].value == pytest.approx(np.sqrt(SPRING * 2 / OTHER) / (2 * np.pi), rel=0.02)
+    assert told["stiffness"].value == pytest.approx(SPRING, rel=0.05)
+
+
+@pytest.mark.long
+def test_springs_are_looked_for_in_slices_of_resonances_on_either_side(sprung):
+    side, log = sprung
+    springs = gap_search.search_of(log, SPRUNG).setting.springs
+    # One of each slice of resonances and side, none twice.
+    assert len({(s["load_side"], s["frequency"]) for s in springs}) == len(springs) >= 8
+    assert [s["load_side"] for s in springs] == sorted(s["load_side"] for s in springs)
+    if side == "motor":
+        return  # an undamped load is met by chance: its rings must be met to some per cent
+    frequency = np.sqrt(SPRING * 2 / OTHER) / (2 * np.pi)
+    near = [s for s in springs if s["load_side"] == (side == "load") and abs(s["frequency"] / frequency - 1.0) < 0.2]
+    assert any(abs(s["load_share"] - 0.5) < 0.25 for s in near)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("side", [0.0, 1.0])
+def test_a_stiff_closed_shaft_leaves_nothing_beside_a_known_load(side):
+    """The search compares with all that the nominal model has: a known load, and friction beside its numbers."""
+
+    def weight(time, speed, angle, command):
+        return -0.5 * np.sin(angle)
+
+    log = numpy_machine.record(numpy_machine.Machine(viscous=0.13), extra=weight)
+    model = gap_search.MODEL.replace("0.03", "0.13") + '[load]\ntype = "unbalance"\namplitude = 0.5\n'
+    search = gap_search.search_of(log, model)
+    backlash = BY_NAME["backlash"]
+    states = search.hidden_states[search.family((backlash,)).key]
+    numbers = {name: search.exact.values()[name] for name in NOMINAL}
+    course = search.missing_course(search.exact)[0]
+    objective = _Objective(Log(states, 0, search.records[0], course, numbers, numbers, search.setting), side, (0.03,))
+    weights = np.mean(objective._energies(objective.held[:, None])[0])
+    closed = [1e-9 * search.setting.speed, 0.3, 150.0, 0.3, 0.3, 0.3, *numbers.values()]
+    # One sum of squares in the logarithm: what is left of the friction's share and the load, of which little may be.
+    (score,) = objective.scores(np.array([closed]).T)
+    assert np.exp(score) - objective.floors[0] < 0.02 * weights
+
+
+def test_points_of_the_grid_are_tried_once_where_the_numbers_agree():
+    numbers = {"inertia": 1e-8, "coulomb": 1e-6, "viscous": 1e-9}
+    tried = []
+    objective = SimpleNamespace(
+        log=SimpleNamespace(nominal=numbers, given=numbers, setting=SimpleNamespace(friction=1e-6, speed=1.0)),
+        scores=lambda rows: tried.append(rows.shape[1]) or rows[2],
+    )
+    grid = [[1e-9, 0.5, frequency, 0.1, 0.5, 0.5] for frequency in (1.0, 2.0, 4.0)]
+    low, high = [1e-9, 0.1, 1.0, 0.01, 0.02, 0.02], [1e-9, 0.9, 4.0, 0.4, 0.98, 0.98]
+    points, scores = _searched(objective, grid, low, high, 1, lambda points: np.zeros(points.shape[1], int))
+    assert tried[0] == 3
+    assert points.shape == (9, len(scores))
+    assert np.exp(points[2]).min() == pytest.approx(1.0)  # nothing beyond the bounds
+    tried.clear()
+    objective.log.given = numbers | {"inertia": 9e-8}
+    _searched(objective, grid, low, high, 1, lambda points: np.zeros(points.shape[1], int))
+    assert tried[0] == 6
+
+
+@pytest.mark.parametrize(("travel", "most"), [(0.01, 0.05), (1.0, 0.25), (1000.0, 0.5)])
+def test_the_largest_gap_follows_the_travel_within_half_a_second_of_motion(travel, most):
+    assert largest_gap(SimpleNamespace(travel=travel, speed=1.0)) == most
+
+
 def test_without_the_effect_nobody_looks_for_contacts(log):
     others = tuple(effect for effect in EFFECTS if effect.name == "constant_torque")
     assert make_search([log], [], load_model(gap_search.MODEL), others).setting.contacts is None
+    assert make_search([log], [], load_model(gap_search.MODEL), others).setting.springs is None
 
 
 @pytest.mark.long

@@ -7,7 +7,7 @@ from jaxtyping import Array
 
 from ...compiled.native import once
 from ...errors import InputError
-from ..block import as_optional, as_parameter, require_below, require_not_negative, require_positive
+from ..block import as_optional, as_parameter, require_below, require_not_negative, require_positive, require_share
 from ..friction import AbstractFriction, AbstractStaticFriction, NoFriction
 from ..friction.base import Shares
 from ..loads import AbstractLoad, NoLoad
@@ -59,9 +59,9 @@ class Transmission(AbstractPlant):
         require_positive(self, "stiffness", "N m/rad")
         require_not_negative(self, "damping", "N m s/rad")
         require_not_negative(self, "gap", "rad")
-        require_not_negative(self, "friction_share", "1")
+        require_share(self, "friction_share")
         require_not_negative(self, "hardening", "N m/rad^3")
-        require_not_negative(self, "viscous_share", "1")
+        require_share(self, "viscous_share")
         require_below(self, "load_share", 1.0)
         if jax.tree.leaves(self.friction.init()):
             raise InputError(

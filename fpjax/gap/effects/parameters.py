@@ -3,6 +3,8 @@
 from dataclasses import replace
 from math import pi
 
+import numpy as np
+
 from ..data.setting import Setting
 from ..machine import NO_LIMIT
 from .effect import EffectParameter, Size
@@ -278,8 +280,8 @@ def _between_samples(setting: Setting) -> float:
 
 
 def largest_gap(setting: Setting) -> float:
-    """Largest clearance [rad]: 50 ms of motion at top speed, or a quarter of the travel: beyond, the load is loose."""
-    return max(0.05 * setting.speed, 0.25 * setting.travel)
+    """Largest clearance [rad]: a quarter of the travel, crossed in 50 to 500 ms at top speed; then a load is loose."""
+    return float(np.clip(0.25 * setting.travel, 0.05 * setting.speed, 0.5 * setting.speed))
 
 
 GAP = EffectParameter(

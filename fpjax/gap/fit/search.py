@@ -32,7 +32,7 @@ from .shaft_starts import Log, contact_starts, spring_starts
 STAGES = ((3, 40), (4, 14), (8, 8), (25, 6))  # (steps on all fitted windows, number of sets that get them)
 AFTER = (0.56, 0.62, 0.67, 0.78)  # share of the run time that is over after each [1]; for the progress display alone
 FIRST, THEN = 4, 2  # starts of a transmission that go on from a few windows to all, and after some steps there
-MET = 0.5  # of a typical change of each parameter [1], within which two fits of the same causes have met
+MET = 0.2  # of a typical change of each parameter, of a resonance and a gap of themselves: two fits have met [1]
 COLOURED = 25  # most steps with a level of the missing torque for each octave (coloured, not white)
 BAND = 0.25  # of the Nyquist frequency: above it residuals show the drive's sampling and rounding, not a cause of a gap
 
@@ -174,7 +174,9 @@ class Search:
         return base
 
     def _look_for_starts(self) -> None:
-        """Start values: contacts from the log with most fitted windows, periods and an unbalance from the widest."""
+        """Start values: contacts and springs from the log with most fitted windows, periods and an unbalance from the
+        widest.
+        """
         which = self._longest()
         # Periods and contacts beside fitted nominal values; an unbalance beside the given ones, since a free inertia
         # takes up much of a pendulum's torque.
@@ -185,7 +187,9 @@ class Search:
             hidden_states = self.hidden_states[self.fitter(key_for(tuple(backlash), self.setting)).family.key]
             fitted, as_given = ({name: c.values()[name] for name in NOMINAL} for c in (self.base, self.exact))
             log = Log(hidden_states, which, self.records[which], free[which], fitted, as_given, self.setting)
-            contacts, springs = contact_starts(log), spring_starts(log)
+            contacts = contact_starts(log)
+            # Through the same loop, at no clearance. Without a backlash in the vocabulary springs have plain starts.
+            springs = spring_starts(log) if any(effect.name == "compliance" for effect in self.effects) else None
         self.setting = replace(
             self.setting, contacts=contacts, springs=springs,
             waves=repeating_waves(free[widest], self.records[widest], self.setting),
@@ -373,8 +377,12 @@ def _leading(candidates: Collection[Candidate], most: int) -> list[Candidate]:
 
 
 def _met(c: Candidate, other: Candidate) -> bool:
-    """Whether two candidates of the same causes are within half a typical change of each other."""
-    apart = np.abs(c.vector[c.free] - other.vector[c.free]) / c.scale
+    """Whether two candidates of the same causes are close to each other."""
+    names = [c.family.parameters[i].name for i in c.free]
+    # A resonance and a clearance are told by their ratios: they span decades.
+    ratio = np.array([name in ("frequency", "gap") for name in names])
+    scale = np.where(ratio, np.maximum(np.abs(c.vector[c.free]), 1e-300), c.scale)
+    apart = np.abs(c.vector[c.free] - other.vector[c.free]) / scale
     fixed = np.delete(np.arange(len(c.vector)), c.free)  # the side of the sensors
     return bool(np.all(apart < MET) and np.array_equal(c.vector[fixed], other.vector[fixed]))
 

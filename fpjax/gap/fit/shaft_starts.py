@@ -11,8 +11,11 @@ import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import jax.numpy as jnp
 import numpy as np
+from numpy.typing import ArrayLike
 
+from ...blocks.signals import Motion
 from ...logs.arrays import Values
 from ..data.record import Record
 from ..data.setting import Setting
@@ -33,16 +36,21 @@ SPRINGS = 10  # resonances of a spring, from the lowest to the highest that a lo
 SLICE = 1.8  # ratio of the resonances in one slice, at most [1]: the best of each is a start
 SLICES = (2, 6)  # fewest and most of them
 SPRING_SHARES = (0.2, 0.5, 0.8)  # of the inertia that is on the load of a spring [1]
-SPRING_FRICTIONS = ((0.2, 0.2), (0.7, 0.7), (0.7, 0.1))  # of the Coulomb and the viscous friction on it [1]
+SPRING_FRICTIONS = (
+    (0.05, 0.05),
+    (0.2, 0.2),
+    (0.7, 0.7),
+    (0.7, 0.1),
+)  # of the Coulomb and the viscous friction on it [1]
 SPRING_RATIO = 0.05  # damping ratio of a spring [1]
 CLOSED = 1e-9  # clearance of a spring, as the time to cross it at top speed [s]: its logarithm is finite
 SAME = 0.05  # difference of fitted and given nominal numbers that makes them one point of the grid [1]
 NUMBERS = 1.5  # factor by which a nominal number may be beyond the fitted and the given one [1]
-ROUNDS = 3  # of the random search
+ROUNDS = 4  # of the random search
 BEST, VARIED = 8, 128  # points that are varied in a round, and variations of them together: two chunks of lanes
 # Standard deviations of a variation in the first round, of the natural logarithm.
-SPREAD = (0.3, 0.3, 0.4, 0.5, 0.3, 0.3, 0.2, 0.2, 0.2)
-STARTS = 2  # returned for each side, and of a backlash as many with less damping
+SPREAD = (0.3, 0.3, 0.4, 0.5, 0.3, 0.3, 0.1, 0.1, 0.1)
+STARTS = 3  # returned for each side, and of a backlash as many with less damping
 APART = 0.25  # least difference of two starts in clearance, share or frequency, of the natural logarithm
 FLOOR = 0.02  # of the compared torque's mean square: a stretch with less left counts as explained
 # Corners of low-passes over the highest resonance. Behind the lower ones only a contact's impulse is left, or the slow
@@ -61,7 +69,7 @@ class Log:
     """A log beside the nominal model, as the search compares it.
 
     Attributes:
-        hidden_states: of a family with a backlash.
+        hidden_states: of the family of a backlash, which at no clearance is a spring.
         which: index of the record.
         record: the log.
         course: the missing torque of the nominal model [N m], NaN where unknown, shape (samples,).
@@ -154,9 +162,9 @@ def _searched(
     """
     log, rng = objective.log, np.random.default_rng(0)
     numbers = [[max(model[name], least) for name, least in _least(log).items()] for model in (log.nominal, log.given)]
-    tried = np.log([[*one, *model] for one in rows for model in numbers]).T
-    if np.allclose(*numbers, rtol=SAME):
+    if np.allclose(*numbers, rtol=SAME, atol=0.0):
         numbers = numbers[:1]
+    tried = np.log([[*one, *model] for one in rows for model in numbers]).T
     least = np.log([*low, *np.min(numbers, 0) / NUMBERS])[:, None]
     most = np.log([*high, *np.max(numbers, 0) * NUMBERS])[:, None]
     scores = objective.scores(np.exp(tried))
@@ -182,7 +190,7 @@ def _values(row: Values, side: float) -> dict[str, float]:
 
 
 class _Objective:
-    """The objective of the search: how much of the torque on the measured side a shaft leaves unexplained.
+    """The objective of the search: how much torque a shaft leaves unexplained on the measured side, at the command.
 
     Args:
         log: and its nominal model.
@@ -198,13 +206,15 @@ class _Objective:
         turning = np.tanh(speed / (MOVING * setting.speed))
         self.slope = np.diff(record.speed) / record.dt
         self.turning, self.speed = turning, speed
-        self.given = nominal["inertia"] * self.slope + nominal["coulomb"] * turning + nominal["viscous"] * speed
+        self.level, self.drag, self.held = _beside(log, speed)
+        inertial, level, drag = self._parts(*([nominal[name]] for name in NOMINAL))
+        self.given = (inertial + level + drag)[:, 0]
         corners = [share * highest_frequency(setting) * record.dt * COARSE for share in bands]
         self.filters = _filters(len(speed) // COARSE, corners)
         course = log.course[:-1]
         # Stretches of half a window, at its start and at its middle; all of their samples must have a missing torque.
-        known, half = _coarse(course), record.samples // 2 // COARSE
-        starts = np.concatenate([record.starts, record.starts + record.samples // 2]) // COARSE
+        known, half = _coarse(course), record.samples // 2 // COARSE - 1
+        starts = -(-np.concatenate([record.starts, record.starts + record.samples // 2]) // COARSE)
         inside = starts[starts + half <= len(known)]
         rows = inside[:, None] + np.arange(half)
         self.rows = rows[np.all(np.isfinite(known[rows]), axis=1)]
@@ -232,9 +242,9 @@ class _Objective:
             vectors[places] = some
             shaft = log.hidden_states.shafts(vectors, log.which)
             share, (level, smooth), (inertia, coulomb, viscous) = some[1], some[4:6], some[6:]
-            parts = inertia * self.slope[:, None], coulomb * self.turning[:, None], viscous * self.speed[:, None]
-            # What the load takes: its inertia and its share of the friction.
-            taken = share * parts[0] + level * parts[1] + smooth * parts[2]
+            parts = self._parts(inertia, coulomb, viscous)
+            # What the load side takes: its inertia, its share of the friction, a known load.
+            taken = share * parts[0] + level * parts[1] + smooth * parts[2] + self.held[:, None]
             if self.side > 0.5:
                 # The load takes what the shaft gives, as the simulated motor winds it up; the rest as a torque at the
                 # command, which reaches the shaft through the motor alone: else a weak spring would leave hardly any.
@@ -248,8 +258,17 @@ class _Objective:
         out = np.concatenate(found)
         return np.where(np.isfinite(out), out, np.inf)
 
+    def _parts(self, inertia: ArrayLike, coulomb: ArrayLike, viscous: ArrayLike) -> tuple[Values, Values, Values]:
+        """Torques of the inertia, of the friction's level and of its drag [N m], each (samples, lanes)."""
+        level = self.turning[:, None] * (np.asarray(coulomb) + self.level[:, None])
+        drag = self.speed[:, None] * np.asarray(viscous) + self.drag[:, None]
+        return np.asarray(inertia) * self.slope[:, None], level, drag
+
     def _lost(self, rows: Values) -> Values:
-        """Torque at the command over what of it reaches a clamped load through the shaft [1], (frequencies, lanes)."""
+        """Torque at the command over what of it reaches a clamped load through the shaft [1], (frequencies, lanes).
+
+        At least 1: where the motor swings on the shaft less is needed, but hardly ever as little as that.
+        """
         dt, (share, hertz, ratio, _, smooth, inertia, _, viscous) = self.log.record.dt, rows[1:]
         frequency = 2.0 * np.pi * hertz
         reduced = inertia * share * (1.0 - share)
@@ -257,7 +276,7 @@ class _Objective:
         s = 2j * np.pi * np.fft.rfftfreq(2 * (len(self.filters[0]) - 1), COARSE * dt)[:, None]
         rubbing = (1.0 - smooth) * viscous
         shaft = stiffness + damping * s
-        return np.abs(((1.0 - share) * inertia * s**2 + rubbing * s + shaft) / shaft)
+        return np.maximum(np.abs(((1.0 - share) * inertia * s**2 + rubbing * s + shaft) / shaft), 1.0)
 
     def _energies(self, course: Values, lost: Values | None = None) -> list[Values]:
         """For each band, variance in each stretch, shape (stretches, lanes); of a course times `lost` by frequency.
@@ -267,6 +286,17 @@ class _Objective:
         """
         with np.errstate(invalid="ignore", over="ignore"):
             return [np.var(passed[self.rows], axis=1) for passed in _passed(_coarse(course), self.filters, lost)]
+
+
+def _beside(log: Log, speed: Values) -> tuple[Values, Values, Values]:
+    """What the nominal model has beside its numbers, in the measured motion: (level, drag, load) [N m], (samples,)."""
+    machine, angle = log.hidden_states.family.machine, log.record.angle
+    torque, time = jnp.asarray(log.record.torque[: len(speed)]), jnp.asarray(log.record.time[: len(speed)])
+    motion = Motion(jnp.asarray(speed), jnp.asarray(0.5 * (angle[1:] + angle[:-1])), time, torque)
+    law = machine.law
+    level = np.asarray(law.level(motion)) - float(law.coulomb)
+    drag = np.asarray(law.drag(motion)) - float(law.viscous) * speed
+    return level, drag, np.broadcast_to(np.asarray(machine.plant.load.readout(motion)), speed.shape)
 
 
 def _coarse(course: Values) -> Values:

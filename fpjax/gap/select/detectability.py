@@ -4,7 +4,7 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from ..effects.parameters import AMPLITUDES, HIGHEST_RATIO, LOAD_SHARE
+from ..effects.parameters import AMPLITUDES, LOAD_SHARE
 from ..effects.vocabulary import stiffness_of
 from ..fit.candidate import Fit
 from ..fit.search import Search
@@ -57,7 +57,8 @@ def resolved(search: Search, fit: Fit, t: Thresholds = THRESHOLDS) -> bool:
         if min(values["load_share"] / low, (1.0 - values["load_share"]) / (1.0 - high)) < LIGHT:
             return False
     if "compliance" in c.structural:
-        if {"frequency", "relative_hardening"} & ends or values["damping_ratio"] >= HIGHEST_RATIO:
+        overdamped = "damping_ratio" in ends and values["damping_ratio"] > t.rings
+        if {"frequency", "relative_hardening"} & ends or overdamped:
             return False
         wound = setting.friction / float(stiffness_of(values))
         return wound < t.twist * setting.travel or values["damping_ratio"] < t.rings

@@ -24,8 +24,10 @@ def alone(search: Search) -> list[Start]:
             continue  # every fit asks for them
         for values in effect.starts(search.setting):
             for wide in nominal_for(effect):
+                own = {k: v for k, v in values.items() if k not in NOMINAL}
                 kept = base.values() if wide else {k: v for k, v in base.values().items() if k not in NOMINAL}
-                starts += [Start((effect,), wide, values), Start((effect,), wide, kept | values, base)]
+                # A start may have numbers of its own, beside which it was found.
+                starts += [Start((effect,), wide, values if wide else own), Start((effect,), wide, kept | own, base)]
     return starts
 
 
@@ -47,7 +49,8 @@ def beside(search: Search, bases: Sequence[Weighed], likely: Sequence[str]) -> l
                 continue
             if any(pair <= names for pair in IMPOSSIBLE) or {p.name for p in effect.parameters} <= held:
                 continue
-            for start in effect.starts(setting):
+            for found in effect.starts(setting):
+                start = {k: v for k, v in found.items() if k not in NOMINAL}  # the base has numbers
                 for wide in nominal_for(*base.fit.candidate.effects, effect):
                     # A twin of the nominal numbers starts from the numbers as they were given.
                     kept = values if wide else {k: v for k, v in values.items() if k not in NOMINAL}

@@ -87,7 +87,7 @@ class HiddenStates:
         return np.where(np.isfinite(found), found, 0.0)
 
     def shafts(self, vectors: Float[Values, "parameters lanes"], which: int) -> Float[Values, "_ lanes"]:
-        """Torque of a transmission's shaft on a motor that moves as measured [N m], shape (samples - 1, lanes).
+        """Torque of a shaft whose side with the sensor moves as measured [N m], shape (samples - 1, lanes).
 
         Args:
             vectors: parameters of at most `LANES` lanes, (parameters, lanes).
