@@ -7,6 +7,7 @@ import pytest
 import fpjax as fp
 from fpjax.cli import main
 from fpjax.export import mujoco_replay
+from fpjax.export.body import body_of
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -60,6 +61,16 @@ def test_what_the_target_cannot_hold_is_named_with_its_cost(tmp_path):
     assert loaded.dof_frictionloss[0] == 20.0
     assert loaded.dof_damping[0] == 2.0
     assert loaded.dof_M0[0] == pytest.approx(10.0, rel=1e-6)
+
+
+def test_each_kind_of_friction_is_divided_by_its_own_share():
+    text = TWO.replace("backlash = 2e-4", "friction_share = 0.75\nviscous_share = 0.1") + SIMPLE + MOTOR_SIDE
+    body = body_of(fp.load_model(text + REST).loop, shaft=True, lugre=False)
+    assert body.coulomb == pytest.approx((5.0, 15.0))
+    assert body.viscous == pytest.approx((1.8, 0.2))
+    # As one joint all of it acts there.
+    joint = body_of(fp.load_model(text + REST).loop, shaft=False, lugre=False)
+    assert (joint.coulomb, joint.viscous) == (pytest.approx((20.0, 0.0)), pytest.approx((2.0, 0.0)))
 
 
 def test_a_log_is_replayed_in_both_simulators(tmp_path, capsys):
