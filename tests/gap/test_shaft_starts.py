@@ -13,7 +13,7 @@ from fpjax.gap.effects.parameters import largest_gap
 from fpjax.gap.fit.candidate import NOMINAL, Start
 from fpjax.gap.fit.hidden_starts import estimate_hidden_states
 from fpjax.gap.fit.screen import from_bases
-from fpjax.gap.fit.shaft_starts import Log, _Objective, _searched
+from fpjax.gap.fit.shaft_starts import ImposedMotion, _Objective, _searched
 from fpjax.gap.select.starts import alone
 from fpjax.gap.verb import make_search
 
@@ -146,7 +146,9 @@ def test_a_stiff_closed_shaft_leaves_nothing_beside_a_known_load(side):
     states = search.hidden_states[search.family((backlash,)).key]
     numbers = {name: search.exact.values()[name] for name in NOMINAL}
     course = search.missing_course(search.exact)[0]
-    objective = _Objective(Log(states, 0, search.records[0], course, numbers, numbers, search.setting), side, (0.03,))
+    objective = _Objective(
+        ImposedMotion(states, 0, search.records[0], course, numbers, numbers, search.setting), side, (0.03,)
+    )
     weights = np.mean(objective._energies(objective.held[:, None])[0])
     closed = [1e-9 * search.setting.speed, 0.3, 150.0, 0.3, 0.3, 0.3, *numbers.values()]
     # One sum of squares in the logarithm: what is left of the friction's share and the load, of which little may be.

@@ -26,13 +26,13 @@ from .modes import Modes
 from .period_starts import repeating_waves, turning_weight
 from .score import scores
 from .screen import few_windows, from_bases, screened
-from .shaft_starts import Log, contact_starts, spring_starts
+from .shaft_starts import ImposedMotion, contact_starts, spring_starts
 
 # Successive halving: after screening ever fewer sets get ever more steps.
 STAGES = ((3, 40), (4, 14), (8, 8), (25, 6))  # (steps on all fitted windows, number of sets that get them)
 AFTER = (0.56, 0.62, 0.67, 0.78)  # share of the run time that is over after each [1]; for the progress display alone
 FIRST, THEN = 4, 2  # starts of a transmission that go on from a few windows to all, and after some steps there
-MET = 0.2  # of a typical change of each parameter, of a resonance and a gap of themselves: two fits have met [1]
+MET = 0.2  # of a parameter's typical change (a resonance's and a gap's own value): nearer two fits have met [1]
 COLOURED = 25  # most steps with a level of the missing torque for each octave (coloured, not white)
 BAND = 0.25  # of the Nyquist frequency: above it residuals show the drive's sampling and rounding, not a cause of a gap
 
@@ -186,7 +186,7 @@ class Search:
         if backlash:
             hidden_states = self.hidden_states[self.fitter(key_for(tuple(backlash), self.setting)).family.key]
             fitted, as_given = ({name: c.values()[name] for name in NOMINAL} for c in (self.base, self.exact))
-            log = Log(hidden_states, which, self.records[which], free[which], fitted, as_given, self.setting)
+            log = ImposedMotion(hidden_states, which, self.records[which], free[which], fitted, as_given, self.setting)
             contacts = contact_starts(log)
             # Through the same loop, at no clearance. Without a backlash in the vocabulary springs have plain starts.
             springs = spring_starts(log) if any(effect.name == "compliance" for effect in self.effects) else None
@@ -377,14 +377,13 @@ def _leading(candidates: Collection[Candidate], most: int) -> list[Candidate]:
 
 
 def _met(c: Candidate, other: Candidate) -> bool:
-    """Whether two candidates of the same causes are close to each other."""
-    names = [c.family.parameters[i].name for i in c.free]
+    """Whether two candidates of the same causes are within `MET` of each other in every parameter."""
     # A resonance and a clearance are told by their ratios: they span decades.
-    ratio = np.array([name in ("frequency", "gap") for name in names])
-    scale = np.where(ratio, np.maximum(np.abs(c.vector[c.free]), 1e-300), c.scale)
-    apart = np.abs(c.vector[c.free] - other.vector[c.free]) / scale
+    spans = np.array([c.family.parameters[i].name in ("frequency", "gap") for i in c.free], bool)
+    near = MET * np.where(spans, np.abs(c.vector[c.free]), c.scale)
     fixed = np.delete(np.arange(len(c.vector)), c.free)  # the side of the sensors
-    return bool(np.all(apart < MET) and np.array_equal(c.vector[fixed], other.vector[fixed]))
+    met = np.all(np.abs(c.vector[c.free] - other.vector[c.free]) <= near)
+    return bool(met and np.array_equal(c.vector[fixed], other.vector[fixed]))
 
 
 def _compared(candidates: Collection[Candidate]) -> None:

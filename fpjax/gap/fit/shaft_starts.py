@@ -26,9 +26,9 @@ from .candidate import NOMINAL
 
 # A grid over the parameters, then a random search around its best points, in logarithms of the parameters.
 NAMES = ("gap", "load_share", "frequency", "damping_ratio", "friction_share", "viscous_share", *NOMINAL)  # rows
-GAPS = 16  # clearances
-LEAST_GAP = 3e-4  # of them, as the time to cross it at top speed [s]
-LARGEST_GAP = 0.5  # of the largest that there may be [1]
+GAPS = 16  # number of clearances
+LEAST_GAP = 3e-4  # the least, as the time to cross it at top speed [s]
+LARGEST_GAP = 0.5  # the largest, of the largest that there may be [1]
 SHARES = (0.15, 0.35, 0.6)  # of the inertia that is on the load [1]
 RATIO = 0.3  # damping ratio of a face in contact [1]
 FRICTIONS = (0.2, 0.7)  # of the friction that is on the load [1]
@@ -36,12 +36,8 @@ SPRINGS = 10  # resonances of a spring, from the lowest to the highest that a lo
 SLICE = 1.8  # ratio of the resonances in one slice, at most [1]: the best of each is a start
 SLICES = (2, 6)  # fewest and most of them
 SPRING_SHARES = (0.2, 0.5, 0.8)  # of the inertia that is on the load of a spring [1]
-SPRING_FRICTIONS = (
-    (0.05, 0.05),
-    (0.2, 0.2),
-    (0.7, 0.7),
-    (0.7, 0.1),
-)  # of the Coulomb and the viscous friction on it [1]
+# Shares of the Coulomb and of the viscous friction that are on it [1].
+SPRING_FRICTIONS = ((0.05, 0.05), (0.2, 0.2), (0.7, 0.7), (0.7, 0.1))
 SPRING_RATIO = 0.05  # damping ratio of a spring [1]
 CLOSED = 1e-9  # clearance of a spring, as the time to cross it at top speed [s]: its logarithm is finite
 SAME = 0.05  # difference of fitted and given nominal numbers that makes them one point of the grid [1]
@@ -50,8 +46,8 @@ ROUNDS = 4  # of the random search
 BEST, VARIED = 8, 128  # points that are varied in a round, and variations of them together: two chunks of lanes
 # Standard deviations of a variation in the first round, of the natural logarithm.
 SPREAD = (0.3, 0.3, 0.4, 0.5, 0.3, 0.3, 0.1, 0.1, 0.1)
-STARTS = 3  # returned for each side, and of a backlash as many with less damping
-APART = 0.25  # least difference of two starts in clearance, share or frequency, of the natural logarithm
+STARTS = 3  # of a backlash, returned for each side, and as many with less damping
+APART = 0.25  # least difference of two of them in clearance, share or frequency, of the natural logarithm
 FLOOR = 0.02  # of the compared torque's mean square: a stretch with less left counts as explained
 # Corners of low-passes over the highest resonance. Behind the lower ones only a contact's impulse is left, or the slow
 # swing of a soft spring, which are right before the course of a contact's torque is: they lead the search from afar.
@@ -65,8 +61,8 @@ MOVING = 0.01  # of the top speed: width of the reversal of friction
 
 
 @dataclass(frozen=True)
-class Log:
-    """A log beside the nominal model, as the search compares it.
+class ImposedMotion:
+    """A log whose motion is imposed on the side with the sensor, beside the nominal model.
 
     Attributes:
         hidden_states: of the family of a backlash, which at no clearance is a spring.
@@ -87,7 +83,7 @@ class Log:
     setting: Setting
 
 
-def contact_starts(log: Log) -> tuple[dict[str, float], ...]:
+def contact_starts(log: ImposedMotion) -> tuple[dict[str, float], ...]:
     """Start values of fits of a backlash, the sensors on the motor, then on the load, the most likely of each first.
 
     () where no stretch of the log can be used.
@@ -116,7 +112,7 @@ def contact_starts(log: Log) -> tuple[dict[str, float], ...]:
     return (*found, *(one | {"damping_ratio": LIVELY * one["damping_ratio"]} for one in found))
 
 
-def spring_starts(log: Log) -> tuple[dict[str, float], ...]:
+def spring_starts(log: ImposedMotion) -> tuple[dict[str, float], ...]:
     """Start values of fits of a spring, the sensors on either side: the best of each slice of resonances; () for none.
 
     Whether a spring of 3 or of 30 Hz leaves less in such a simulation says little of which is there: readings are
@@ -179,13 +175,14 @@ def _searched(
     return tried, scores
 
 
-def _least(log: Log) -> dict[str, float]:
+def _least(log: ImposedMotion) -> dict[str, float]:
     """Least nominal numbers of the search: their logarithm is finite."""
     friction, speed = log.setting.friction, log.setting.speed
     return {"inertia": 0.0, "coulomb": 0.01 * friction, "viscous": 0.01 * friction / speed}
 
 
 def _values(row: Values, side: float) -> dict[str, float]:
+    """Start values by name, from the logarithms of a point, (parameters,)."""
     return {name: float(np.exp(value)) for name, value in zip(NAMES, row, strict=True)} | {"load_side": side}
 
 
@@ -198,7 +195,7 @@ class _Objective:
         bands: corners of low-passes over the highest resonance [1].
     """
 
-    def __init__(self, log: Log, side: float, bands: tuple[float, ...]):
+    def __init__(self, log: ImposedMotion, side: float, bands: tuple[float, ...]):
         self.log, self.side = log, side
         record, setting, nominal = log.record, log.setting, log.nominal
         speed = 0.5 * (record.speed[1:] + record.speed[:-1])
@@ -218,7 +215,7 @@ class _Objective:
         inside = starts[starts + half <= len(known)]
         rows = inside[:, None] + np.arange(half)
         self.rows = rows[np.all(np.isfinite(known[rows]), axis=1)]
-        self.usable = len(self.rows) > 0
+        self.usable = len(self.rows) > 0 and half > 1
         self.missing = np.where(np.isfinite(course), course, 0.0)
         if self.usable:
             self.floors = [FLOOR * np.mean(energy) for energy in self._energies(self.missing[:, None])]
@@ -288,7 +285,7 @@ class _Objective:
             return [np.var(passed[self.rows], axis=1) for passed in _passed(_coarse(course), self.filters, lost)]
 
 
-def _beside(log: Log, speed: Values) -> tuple[Values, Values, Values]:
+def _beside(log: ImposedMotion, speed: Values) -> tuple[Values, Values, Values]:
     """What the nominal model has beside its numbers, in the measured motion: (level, drag, load) [N m], (samples,)."""
     machine, angle = log.hidden_states.family.machine, log.record.angle
     torque, time = jnp.asarray(log.record.torque[: len(speed)]), jnp.asarray(log.record.time[: len(speed)])

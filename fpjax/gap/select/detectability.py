@@ -57,6 +57,7 @@ def resolved(search: Search, fit: Fit, t: Thresholds = THRESHOLDS) -> bool:
         if min(values["load_share"] / low, (1.0 - values["load_share"]) / (1.0 - high)) < LIGHT:
             return False
     if "compliance" in c.structural:
+        # The other end is an undamped spring.
         overdamped = "damping_ratio" in ends and values["damping_ratio"] > t.rings
         if {"frequency", "relative_hardening"} & ends or overdamped:
             return False
