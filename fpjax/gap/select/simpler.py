@@ -87,6 +87,8 @@ def _stands_for(exact: Exact, fit: Fit, chosen: Fit, whole: float, plain: float)
     slight = exact.left(fit) ** 2 - exact.left(chosen) ** 2 < THRESHOLDS.matters * whole**2
     before, after = chosen.candidate, fit.candidate
     if set(after.structural) > set(before.structural):
+        if _puts_off(exact.fit, fit, chosen):
+            return False
         # One factor. Numbers that end at the bounds of what counts as right are wrong too, and one number is no more
         # than one factor is: then it must be the likelier.
         bounded = bool(set(after.at_bound()) & set(NOMINAL))
@@ -109,6 +111,17 @@ def come_back(given: Fit, before: Fit, after: Fit, numbers: Collection[str]) -> 
     """
     old, first, then = (fit.candidate.values() for fit in (given, before, after))
     return all(abs(then[n] - old[n]) <= THRESHOLDS.comes_back * abs(first[n] - old[n]) for n in numbers)
+
+
+def _puts_off(given: Fit, fit: Fit, chosen: Fit) -> bool:
+    """Whether one factor takes a mean of the friction that an effect holds further from the given number.
+
+    A friction by direction has levels of its own, which no prior holds: they follow any factor for nothing. So would
+    the inertia come back and both means be off instead, which makes nothing simpler.
+    """
+    held = {n for effect in chosen.candidate.effects for n in numbers_of(effect)}
+    old, first, then = (one.candidate.values() for one in (given, chosen, fit))
+    return any(abs(then[n] - old[n]) > max(abs(first[n] - old[n]), SPIKE_RANGE * abs(old[n])) for n in held)
 
 
 def _stands_beside_sides(given: Fit, fit: Fit, chosen: Fit) -> bool:
