@@ -35,6 +35,7 @@ def simpler(search: Search, exact: Exact, chosen: Weighed) -> Weighed:
     A flexible cause takes some clutter along and so wins by evidence; what it is asked for here is torque.
     """
     by_name = {effect.name: effect for effect in search.effects}
+    seen = {_free_in(chosen.fit)}
     while True:
         options = list(_instead(search, chosen.fit, by_name))
         if not options:
@@ -48,11 +49,19 @@ def simpler(search: Search, exact: Exact, chosen: Weighed) -> Weighed:
         plain = exact.fit.evidence
         if c.wide and c.effects and any(set(fit.candidate.structural) > set(c.structural) for fit in fits):
             plain = search.refit(chosen.fit, ()).evidence
-        near = [fit for fit in fits if _stands_for(exact, fit, chosen.fit, whole, plain)]
+        # Wrong numbers give way to one factor, and beside one at its bound to the numbers again: nothing twice.
+        fresh = [fit for fit in fits if _free_in(fit) not in seen]
+        near = [fit for fit in fresh if _stands_for(exact, fit, chosen.fit, whole, plain)]
         if not near:
             return chosen
         best = plainest(near)  # none lacks torque that matters
+        seen.add(_free_in(best))
         chosen = weighed_fit(search, exact, best, best.evidence - len(best.candidate.wide))
+
+
+def _free_in(fit: Fit) -> tuple[frozenset[str], frozenset[str]]:
+    """Effects of a fit and its nominal numbers that may be wrong: a model, whatever values it has."""
+    return frozenset(fit.candidate.structural), frozenset(fit.candidate.wide)
 
 
 def plainest(fits: Sequence[Fit]) -> Fit:
