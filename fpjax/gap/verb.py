@@ -29,7 +29,7 @@ from .effects.vocabulary import EFFECTS, on_rate_sensor
 from .fit.saved_fits import ResumingSearch, SavedFits, key_of
 from .fit.search import Search
 from .select.decision import decide
-from .select.late_torque import lags, late_torque, least_missing
+from .select.late_torque import lags, late_beside_numbers, late_torque, least_missing
 from .simulate.family import Nominal
 from .stage_costs import COSTS
 
@@ -125,22 +125,25 @@ def _diagnose(
     try:
         search = make_search(logs, withheld, model, effects, keep)
         warnings += about_stretches(search.records)
-        curves = curves_of(search)
         if doubts and search.records[0].velocity is None:
             doubts = checked.contradictions(rate=False)
-        decision = decide(search, clock, curves.by)
-        late = 0.0 if doubts else late_torque(search, decision)
-        if late > 0.0:
-            clock("looking")
-            searches = {
-                lag: make_search(*_earlier(logs, withheld, late, lag), model, effects, keep, again=True)
-                for lag in lags(late, search.setting.dt)
-            }
-            lag = least_missing(searches, decision)
-            warnings.append(about_late_torque(everything, late, lag))
-            search = searches[lag]
+        late, chosen = 0.0 if doubts else late_beside_numbers(search), None
+        for _ in range(2):  # before any cause is looked for, and beside those that were found
+            if late > 0.0:
+                clock("looking")
+                searches = {
+                    lag: make_search(*_earlier(logs, withheld, late, lag), model, effects, keep, again=True)
+                    for lag in lags(late, search.setting.dt)
+                }
+                lag = least_missing(searches, chosen)
+                warnings.append(about_late_torque(everything, late, lag))
+                search = searches[lag]
+            mended = late > 0.0
             curves = curves_of(search)
             decision = decide(search, clock, curves.by)
+            late, chosen = 0.0 if doubts or mended else late_torque(search, decision), decision.chosen.fit
+            if not late > 0.0:
+                break
         clock("intervals and curves")
         found = assemble(search, decision, curves, model, warnings, allowed, clock, doubts[0] if doubts else "")
     except np.linalg.LinAlgError as error:

@@ -1,10 +1,10 @@
 """Resolved: whether a log can show an effect at the values where its fit ended."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
-from ..effects.parameters import AMPLITUDES, LOAD_SHARE
+from ..effects.parameters import AMPLITUDES, LOAD_SHARE, RIPPLE
 from ..effects.vocabulary import stiffness_of
 from ..fit.candidate import Fit
 from ..fit.search import Search
@@ -12,23 +12,23 @@ from ..thresholds import THRESHOLDS, Thresholds
 
 NONE = 1e-3  # of the friction: a torque below it is none [1]
 LIGHT = 1.1  # the lighter mass, over the lightest that is fitted, below which it is none [1]
+DRIVES = 0.1  # of its usual level, that a friction by position may be below zero [1]
 PERIODIC = {"cogging": "cogging_periods", "position_dependent_friction": "ripple_periods"}
 
 
 def resolved(search: Search, fit: Fit, t: Thresholds = THRESHOLDS) -> bool:
     """Whether the effects of a fit are seen, and do not only absorb what is left.
 
-    A spring absorbs at the end of what the data can show, overdamped, or so soft that friction winds it up by a
-    good part of the travel and so damped that it hardly rings: it follows any slow torque, and is no machine's
-    transmission, while one that rings is told by its resonance; one that carries next to nothing until it is wound up
-    is a backlash. A mass that is hardly more than a twentieth of all is no
-    second mass. A backlash may be overdamped, its contacts tell of it; with a gap
-    that may be none it is such a spring, and at its largest one the load is loose. A ripple that passes faster than
-    the samples can tell is one of their own making. A torque amplitude that ends at its largest value, more than
-    any torque of the log, is a difference of two large torques that cancel each other over a short travel. A dead
-    zone that swallows half of the largest torque stands for a torque that is always there, and so does a friction
-    that drives in one direction. A limit that ends at the least that is looked for stands for a friction, one at the
-    largest command limits nothing.
+    A spring absorbs at the end of what the data can show, overdamped, or so soft that friction winds it up by a good
+    part of the travel and so damped that it hardly rings: it follows any slow torque, and is no machine's transmission,
+    while one that rings is told by its resonance; one that carries next to nothing until it is wound up is a backlash.
+    A mass that is hardly more than a twentieth of all is no second mass. A backlash may be overdamped, its contacts
+    tell of it; with a gap that may be none it is such a spring, and at its largest one the load is loose. A ripple that
+    passes faster than the samples can tell is one of their own making. A torque amplitude that ends at its largest
+    value, more than any torque of the log, is a difference of two large torques that cancel each other over a short
+    travel. A dead zone that swallows half of the largest torque stands for a torque that is always there, and so does a
+    friction that drives, in one direction or at some positions. A limit that ends at the least that is looked for
+    stands for a friction, one at the largest command limits nothing.
 
     Args:
         search: of the logs.
@@ -46,6 +46,8 @@ def resolved(search: Search, fit: Fit, t: Thresholds = THRESHOLDS) -> bool:
     if "torque_dead_zone" in c.structural and values["dead_zone"] > t.swallowed * setting.torque:
         return False
     if "asymmetric_friction" in c.structural and abs(values["coulomb_difference"]) > values["coulomb"]:
+        return False
+    if "position_dependent_friction" in c.structural and _drives(search, values):
         return False
     speed = np.abs(np.concatenate([record.speed for record in search.records]))
     usual = float(np.median(speed[speed > t.moves * setting.speed]))
@@ -66,6 +68,23 @@ def resolved(search: Search, fit: Fit, t: Thresholds = THRESHOLDS) -> bool:
     if "backlash" in c.structural:
         return "gap" not in ends and values["gap"] > t.clearance * _Known(fit).deviation("gap")
     return True
+
+
+def _drives(search: Search, values: Mapping[str, float]) -> bool:
+    """Whether a friction by position is below zero where the machine was: by more than a tenth of its usual level.
+
+    Over a short travel that repeats, its waves, turned over with the speed, are any torque of position and direction:
+    inertial torque, a lag, a spring.
+    """
+    turned = values["ripple_periods"] * np.concatenate([record.angle for record in search.records])
+    cosine, sine = (
+        [values[p.name] for p in RIPPLE if p.name.startswith(f"ripple_{kind}")] for kind in ("cosine", "sine")
+    )
+    waves = [
+        a * np.cos(i * turned) + b * np.sin(i * turned) for i, (a, b) in enumerate(zip(cosine, sine, strict=True), 1)
+    ]
+    level = values["coulomb"] + np.sum(waves, axis=0)
+    return bool(np.min(level) < -DRIVES * np.median(np.abs(level)))
 
 
 def blurs(fit: Fit, more: Fit) -> bool:

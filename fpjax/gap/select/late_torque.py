@@ -1,6 +1,6 @@
 """Late torque: whether the torque column is recorded later than the torque acted."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -9,43 +9,70 @@ from ..fit.candidate import NOMINAL, Fit, Start
 from ..fit.search import Search
 from ..thresholds import THRESHOLDS
 from .decision import Decision
-from .weighed import Exact
+from .weighed import Exact, judged_windows, moving_windows
 
 (DELAY,) = (parameter.name for parameter in LATE_TORQUE.parameters)
 
 
-def late_torque(search: Search, decision: Decision) -> float:
-    """By how much the torque is recorded later than it acted [s]; 0 where no such delay is sure.
+def late_beside_numbers(search: Search) -> float:
+    """By how much the torque is recorded later than it acted [s], before a cause is looked for; 0 where that is unsure.
 
-    A current that the drive measures is filtered before it is logged, and of some logs each row holds the torque of the
-    row before. The machine then answers before it is asked to, which no cause of the vocabulary makes. Tried beside the
-    chosen ones, a dead time below zero must take more than half of what they leave: on a real machine, whose laws
-    nobody knows, it bends some of it. What is recorded late was no later on the machine, so that the column is mended
-    and the diagnosis made again (`fpjax.gap.verb`).
+    A measured current is that of a moment and not of the row for which it is taken, so that it is half a row late; one
+    that the drive filters is later, and of some logs each row holds the torque of the row before. The machine then
+    answers before it is asked to, which no cause of the vocabulary makes. Some take much of it nevertheless (a shaft
+    lets the motor turn before its load does), so that it is asked for first: beside the numbers alone a dead time below
+    zero must take what a further cause would have to. What is recorded late was no later on the machine, so that the
+    column is mended (`fpjax.gap.verb`).
+
+    Args:
+        search: of the logs.
+    """
+    given = search.finish([search.exact])[0]
+    (numbers,) = search.fitted([Start((), NOMINAL, {})])
+    exact = Exact(given, judged_windows(given, [numbers], moving_windows(search.records)))
+    return _late(search, exact, numbers, numbers.evidence - len(NOMINAL), [], 1.0 - THRESHOLDS.removes)
+
+
+def late_torque(search: Search, decision: Decision) -> float:
+    """The same beside the causes that were chosen: of what they leave it must take more than half.
+
+    On a real machine, whose laws nobody knows, it bends some of it. The diagnosis is made again then.
 
     Args:
         search: of the logs.
         decision: on its fits.
     """
-    c, given = decision.chosen.fit.candidate, decision.exact.candidate.values()
-    held = {parameter.name for effect in c.effects for parameter in effect.parameters}
+    c, exact = decision.chosen.fit.candidate, Exact(decision.exact, decision.judged)
+    beside = [Start((*c.effects, LATE_TORQUE), tuple(c.wide), c.values() | one, c) for one in _late_by(search)]
+    return _late(search, exact, decision.chosen.fit, decision.chosen.evidence, beside, THRESHOLDS.part**2)
+
+
+def _late_by(search: Search) -> Sequence[Mapping[str, float]]:
+    return LATE_TORQUE.starts(search.setting)
+
+
+def _late(search: Search, exact: Exact, fit: Fit, evidence: float, beside: Sequence[Start], most: float) -> float:
+    """How late the torque is [s]: beside a fit, or beside the numbers alone, which the fit's causes may only stand for.
+
+    Args:
+        search: of the logs.
+        exact: what models are weighed against.
+        fit: with what is chosen so far.
+        evidence: of it, less a nat for each nominal number that is free, as `settled` counts them [nats].
+        beside: starts of it with a late torque.
+        most: share of its missing energy that may be left [1].
+    """
+    held = {parameter.name for effect in fit.candidate.effects for parameter in effect.parameters}
     # Beside a dead time of the actuator, of the nominal model or fitted, the two would be one number.
-    if given.get(DELAY) != 0.0 or DELAY in held:
+    if exact.fit.candidate.values().get(DELAY) != 0.0 or DELAY in held:
         return 0.0
-    exact = Exact(decision.exact, decision.judged)
-    left, torque = exact.left(decision.chosen.fit), np.concatenate([record.torque for record in search.records])
+    left, torque = exact.left(fit), np.concatenate([record.torque for record in search.records])
     if left < THRESHOLDS.nothing * float(np.sqrt(np.mean(torque**2))):
         return 0.0
-    # Also without the chosen causes, which may stand for it alone.
-    starts = [
-        Start((*effects, LATE_TORQUE), wide, like.values() | start, like)
-        for effects, wide, like in ((c.effects, tuple(c.wide), c), ((), NOMINAL, search.base))
-        for start in LATE_TORQUE.starts(search.setting)
-    ]
-    best = max(search.fitted(starts), key=lambda fit: fit.evidence)
-    # A nat for each nominal number that is free, as `settled` counts them.
-    gain = best.evidence - len(best.candidate.wide) - decision.chosen.evidence
-    taken = exact.left(best) < THRESHOLDS.part * left and _in_every_log(best, decision.chosen.fit)
+    alone = [Start((LATE_TORQUE,), NOMINAL, search.base.values() | one, search.base) for one in _late_by(search)]
+    best = max(search.fitted([*beside, *alone]), key=lambda one: one.evidence)
+    gain = best.evidence - len(best.candidate.wide) - evidence
+    taken = exact.left(best) ** 2 < most * left**2 and _in_every_log(best, fit)
     if not taken or gain <= THRESHOLDS.decisive or DELAY in best.candidate.at_bound():
         return 0.0
     return -best.candidate.values()[DELAY]
@@ -68,15 +95,17 @@ def lags(late: float, dt: float) -> list[float]:
     return [0.0, late, *([late - dt] if late > dt else [])]
 
 
-def least_missing(searches: Mapping[float, Search], decision: Decision) -> float:
+def least_missing(searches: Mapping[float, Search], chosen: Fit | None) -> float:
     """The key of the search in whose logs the chosen causes, or none, leave the least torque missing.
 
     Args:
         searches: of the same logs, with the torque as it may have acted.
-        decision: on fits of the logs as recorded.
+        chosen: the causes' fit to the logs as recorded; None before any was looked for.
     """
-    c = decision.chosen.fit.candidate
-    starts = [Start(c.effects, tuple(c.wide), c.values()), Start((), NOMINAL, {})]
+    starts = [Start((), NOMINAL, {})]
+    if chosen is not None:
+        c = chosen.candidate
+        starts = [Start(c.effects, tuple(c.wide), c.values()), *starts]
 
     def left(search: Search) -> float:
         # Not by evidence: each search has measured the noise anew.
