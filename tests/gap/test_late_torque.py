@@ -13,7 +13,7 @@ from fpjax.gap import EFFECTS
 from fpjax.gap.data.inputs import about_late_torque, with_earlier_torque
 from fpjax.gap.fit.saved_fits import SavedFits
 from fpjax.gap.select.decision import decide
-from fpjax.gap.select.late_torque import lags, late_torque
+from fpjax.gap.select.late_torque import lags, late_beside_numbers, late_torque
 from fpjax.gap.verb import make_search
 from fpjax.simulation.precision import double_precision
 
@@ -44,6 +44,48 @@ def late_of(*logs, model=gap_search.MODEL, effects=FEW):
     with double_precision():
         search = make_search(logs, [], load_model(model), effects)
         return late_torque(search, decide(search, lambda *arguments: None))
+
+
+def every(log, rows):
+    """The log as a slower logger sees it: each reading that of its moment."""
+    some = {
+        name: column[::rows]
+        for name in ("time", "torque", "velocity", "position")
+        if (column := getattr(log, name)) is not None
+    }
+    return dataclasses.replace(log, dt=rows * log.dt, **some)
+
+
+def late_at_first(log, model=gap_search.MODEL, effects=FEW):
+    with double_precision():
+        return late_beside_numbers(make_search([log], [], load_model(model), effects))
+
+
+def pressing(time, speed, angle, command):
+    return -0.4 * np.cos(7.0 * angle)
+
+
+def test_a_torque_of_the_moment_is_half_a_row_late_before_any_cause_is_looked_for():
+    """And a small cause that is there besides does not hide it."""
+    slow = every(numpy_machine.record(seconds=12.0, sensors=("position",)), 10)
+    assert late_at_first(slow) == pytest.approx(0.5 * slow.dt, rel=0.15)
+    assert late_at_first(rows_late(slow, 1)) == pytest.approx(1.5 * slow.dt, rel=0.1)
+    assert late_at_first(with_earlier_torque(slow, 0.5 * slow.dt, 0.0)) == 0.0
+    cogging = every(numpy_machine.record(seconds=12.0, extra=lambda *at: 0.15 * pressing(*at)), 10)
+    assert late_at_first(cogging) == pytest.approx(0.5 * slow.dt, rel=0.3)
+
+
+@pytest.mark.parametrize("machine", [numpy_machine.Machine(delay=3), numpy_machine.Machine(coulomb=0.6)])
+@pytest.mark.parametrize("sensors", [("velocity",), ("position",)])
+@pytest.mark.parametrize("extra", [numpy_machine.nothing, pressing])
+def test_a_torque_in_time_is_not_moved_for_what_a_cause_makes(machine, sensors, extra):
+    assert late_at_first(numpy_machine.record(machine, seconds=6.0, sensors=sensors, extra=extra)) == 0.0
+
+
+def test_a_nominal_model_with_a_dead_time_has_no_second_one_either():
+    log = rows_late(numpy_machine.record(seconds=6.0))
+    assert late_at_first(log) == pytest.approx(4.0 * DT, rel=0.1)
+    assert late_at_first(log, model=gap_search.MODEL + "[actuator]\ndelay = 0.002\n") == 0.0
 
 
 def test_a_torque_is_moved_as_far_as_it_is_late_and_a_filter_is_taken_back():

@@ -7,9 +7,11 @@ import pytest
 
 from fpjax.gap.answer import judge
 from fpjax.gap.answer.judge import Judged
+from fpjax.gap.effects.parameters import RIPPLE
 from fpjax.gap.fit.candidate import Fit
 from fpjax.gap.select import decision
 from fpjax.gap.select.decision import _plausible
+from fpjax.gap.select.detectability import _drives
 from fpjax.gap.select.statement import Verdict
 from fpjax.gap.select.weighed import Weighed
 from fpjax.gap.thresholds import THRESHOLDS
@@ -162,3 +164,17 @@ def test_friction_that_the_model_has_none_of_is_told_by_what_moves_a_machine_tha
     assert answer.verdict.word == ("partly_explained" if asserted else "unexplained")
     if asserted:
         assert answer.decision.moving == (not by_all)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-4])
+@pytest.mark.parametrize(
+    ("wave", "lowest", "drives"), [(0.9, -1.0, False), (1.08, -1.0, False), (1.3, -1.0, True), (1.3, 0.0, False)]
+)
+def test_a_friction_by_position_that_drives_where_the_machine_was_is_none(scale, wave, lowest, drives):
+    """A level of 1 and a wave: 0.1 at least, then 0.08 and 0.3 below zero, the last not where the machine was."""
+    values = {p.name: 0.0 for p in RIPPLE} | {
+        "coulomb": scale, "ripple_sine_1": scale * wave, "ripple_cosine_3": 0.0, "ripple_periods": 2.0,
+    }  # fmt: skip
+    angles = [np.linspace(lowest, 0.2, 50), np.linspace(0.0, 0.7, 50)]
+    search = SimpleNamespace(records=[SimpleNamespace(angle=angle) for angle in angles])
+    assert _drives(search, values) is drives
