@@ -14,6 +14,7 @@ FEWEST_SAMPLES, FEWEST_WINDOWS = 16, 8
 POINTS = 64  # readings in a window: more are averaged in groups, which keeps the arrays small
 MOST_ROWS = 240_000  # [samples]: of a longer log, evenly spaced pieces are used
 ROUNDS = 40  # of reweighting
+RESTS = 3.0  # of the noise of a reading: a window whose readings scatter less is at rest [1]
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,11 @@ class Cut:
 
 
 def windows_of(pieces: list[Piece], seconds: float, count: int) -> Cut | None:
-    """All windows of a length; None for too few."""
+    """All windows of a length, without those at rest where these are the most; None for too few.
+
+    At rest any torque below the static friction is held. Most of all windows would set the residual from which on one
+    counts little, and those that move would be the odd ones.
+    """
     dt = pieces[0].dt
     size = round(seconds / dt)
     group = max(1, size // POINTS)
@@ -92,10 +97,17 @@ def windows_of(pieces: list[Piece], seconds: float, count: int) -> Cut | None:
         if many:
             readings.append(piece.reading[: many * size].reshape(many, size))
             terms.append(piece.terms[: many * size, :count].reshape(many, size, count))
-    if not readings or sum(len(each) for each in readings) < FEWEST_WINDOWS:
+    if not readings:
         return None
     order, noise = pieces[0].order, pieces[0].noise / np.sqrt(group)
-    y, x = np.concatenate(readings), _integrated(np.concatenate(terms), dt, order)
+    y = np.concatenate(readings)
+    moved = np.std(y, axis=1) if order == 2 else np.sqrt(np.mean(y**2, axis=1))
+    moves = moved > RESTS * pieces[0].noise
+    if np.mean(moves) > 0.5:
+        moves[:] = True
+    if np.count_nonzero(moves) < FEWEST_WINDOWS:
+        return None
+    y, x = y[moves], _integrated(np.concatenate(terms)[moves], dt, order)
     y, x = _means(y, group), _means(x, group)
     # Start angle and speed of each window are eliminated by projecting readings and regressors onto what is
     # orthogonal to a constant (velocity) or to a constant and a line (position).

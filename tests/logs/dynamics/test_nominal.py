@@ -179,3 +179,21 @@ def test_checks_take_a_sine_of_the_position_and_a_known_load_into_account():
     known = Numbers(INERTIA, COULOMB, VISCOUS, load=lambda velocity, angle, time: 0.2 * np.sin(angle + 0.3))
     assert suspicions(log, known) == []
     assert suspicions(log, Numbers(INERTIA, COULOMB, VISCOUS)) == []
+
+
+@pytest.mark.parametrize("bits", [None, 16])
+def test_a_machine_that_mostly_rests(bits):
+    """At rest, most of the time, a torque is held by static friction; those windows set what counted as odd."""
+    log = made(bits=bits, gyro=2e-3 if bits is None else None)
+    count, random = 4 * len(log.time), np.random.default_rng(5)
+    held = 0.5 * COULOMB * np.sin(0.002 * np.arange(count)) + 0.2 * COULOMB
+    readings = {"torque": np.concatenate([held, log.torque])}
+    if bits is None:
+        readings["velocity"] = np.concatenate([2e-3 * random.standard_normal(count), log.velocity])
+    else:
+        readings["position"] = np.concatenate([np.full(count, log.position[0]), log.position])
+    rested = dataclasses.replace(log, time=log.dt * np.arange(5 * len(log.time)), **readings)
+    found, moving = fit_nominal(rested), fit_nominal(log)
+    for name, within in (("inertia", 0.01), ("coulomb", 0.02), ("viscous", 0.05)):
+        assert getattr(found, name) == pytest.approx(getattr(moving, name), rel=within)
+    assert abs(found.offset) < 0.02 * COULOMB
