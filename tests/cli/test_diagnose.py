@@ -148,6 +148,39 @@ def test_what_the_model_knows_of_its_gain_and_of_two_masses_is_no_contradiction(
     assert not check([fast], load_model(two)).contradictions()
 
 
+@pytest.mark.parametrize("stepping", ["sampled", "continuous"])
+@pytest.mark.parametrize(("unit", "size"), [("ms", 1e3), ("us", 1e6), ("s", 1e-3)])
+def test_a_time_a_thousand_times_off_the_models_period_is_a_contradiction(stepping, unit, size):
+    time, position = _moved()
+    torque = 10.0 * np.gradient(np.gradient(position, 1e-3), 1e-3)
+    text = NOMINAL if stepping == "sampled" else NOMINAL.split("stepping =")[0]
+    checked = check([read_log({"time": size * time, "torque": torque, "position": position})], load_model(text))
+    for rate in (True, False):
+        (said,) = checked.contradictions(rate=rate)
+        assert f"--columns time=NAME:{unit}" in said
+    assert sum("its rows are" in sentence for sentence in checked.warnings()) == 1
+    assert not any("write dt" in sentence for sentence in checked.warnings())
+
+
+def test_an_honest_clock_beside_another_period_contradicts_nothing():
+    time, position = _moved()
+    torque = 10.0 * np.gradient(np.gradient(position, 1e-3), 1e-3)
+    # In the very seconds of the log the velocity is the position's rate; no multiple of a unit; the step of a solver.
+    slow = {"time": 1e3 * time, "torque": torque, "position": position, "velocity": np.gradient(position, 1.0)}
+    for columns, text in (
+        (slow, NOMINAL),
+        ({"time": 3e2 * time, "torque": torque, "position": position}, NOMINAL),
+        ({"time": 1e2 * time, "torque": torque, "position": position}, NOMINAL.replace("1e-3", "1e-4")),
+    ):
+        model = load_model(text.split("stepping =")[0])
+        assert not [one for _, found in check([read_log(columns)], model).noticed for one in found if one.kind == "time"]
+
+
+def _moved():
+    time = np.arange(0.0, 4.0, 1e-3)
+    return time, np.sin(3.0 * time) + 0.2 * np.sin(17.0 * time)
+
+
 @pytest.mark.long
 def test_of_a_torque_in_another_unit_no_cause_is_told_and_no_gains_are_tuned(made, few, tmp_path, capsys):
     log = np.loadtxt(made / "log.csv", delimiter=",", skiprows=1) * [1.0, 1e3, 1.0]
