@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from numpy_machine import record
+from numpy_machine import Machine, nothing, record
 from public_records import EMPS, needs_emps
 
 from fpjax import Log
@@ -87,6 +87,39 @@ def test_a_torque_of_the_wrong_sign(sensors):
     made = record(sensors=sensors)
     assert kinds(dataclasses.replace(made, torque=-made.torque)) == [("warn", "sign")]
     assert kinds(dataclasses.replace(made, torque=-made.torque), None) == [("warn", "sign")]
+
+
+def _one_sine(extra=nothing):
+    """A run of one sine, of which an unbalance could stand for the inertia."""
+    machine = Machine(inertia=0.02, viscous=0.05, kp=0.8, ki=16.0, stribeck=0.4)
+    reference = 3.0 * np.sin(2 * np.pi * 0.8 * 2e-3 * np.arange(3000))
+    encoder = {"position_noise": 0.0, "position_step": 2 * np.pi / 32768}
+    return record(machine, seconds=6.0, dt=2e-3, reference=reference, extra=extra, velocity_noise=3e-3, **encoder)
+
+
+@pytest.mark.parametrize("lacking", ["", "velocity"])
+def test_friction_that_would_drive_the_machine_is_a_torque_of_the_wrong_sign(lacking):
+    log = dataclasses.replace(_one_sine(), **({lacking: None} if lacking else {}))
+    assert suspicions(log, None) == []
+    (found,) = suspicions(dataclasses.replace(log, torque=-log.torque), None)
+    assert found.kind == "sign"
+    assert "friction would drive the machine" in found.sentence
+    assert "--columns torque=torque*-1" in found.sentence
+
+
+@pytest.mark.parametrize(
+    "extra",
+    [
+        lambda t, v, q, u: -2.0 * q,
+        lambda t, v, q, u: -3.0 * (q - min(max(q, -0.3), 0.3)),
+        lambda t, v, q, u: -1.0 * math.sin(q),
+        lambda t, v, q, u: 0.6,
+        lambda t, v, q, u: 0.4 * math.sin(6 * q),
+        lambda t, v, q, u: 0.38 * math.tanh(v / 0.05),  # of a friction of 0.4 hardly any is left
+    ],
+)
+def test_no_torque_of_the_position_makes_friction_drive_an_honest_machine(extra):
+    assert "sign" not in [kind for _, kind in kinds(_one_sine(extra), None)]
 
 
 def test_a_load_that_follows_the_acceleration_is_no_turned_sign(log):
