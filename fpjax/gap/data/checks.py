@@ -64,6 +64,8 @@ class Checked:
                 numbers = _numbers(self.model)
                 alone = suspicions(dataclasses.replace(log, velocity=None), numbers)
                 left = [one for one in alone if one.kind in CONTRADICTIONS]
+                if left and (left[0].kind, seen[0].kind) == ("sign", "sign"):
+                    left = seen  # which tells, by the velocity, that it is the position's and not the torque's
                 seen = left if left or numbers is None or not _position_is_wrong(log, numbers.inertia) else seen
             said += [one.sentence for one in seen]
         return said

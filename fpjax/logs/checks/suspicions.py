@@ -22,7 +22,7 @@ from .suspicion import LIKE, unit_of
 from .suspicion import Expected as Expected
 from .suspicion import Numbers as Numbers
 from .suspicion import Suspicion as Suspicion
-from .torque_suspicions import swapped, torque_against_motion
+from .torque_suspicions import against_torque, swapped, torque_against_motion
 
 SHORTEST = 64  # [samples]: with fewer, nothing is compared
 ONE_WAY = 0.01  # share of the samples in the other direction, below which the motion has one direction only
@@ -267,9 +267,14 @@ def _position_against_velocity(log: Log, columns: dict[str, Values]) -> Iterator
             "unit",
         )
     elif ratio < 0.0:
+        wrong = against_torque(log, columns)
+        turned = (
+            f"it is the {wrong} that goes against the torque, so turn its sign with --columns {wrong}={wrong}*-1."
+            if wrong
+            else "turn one of them round."
+        )
         yield Suspicion(
-            f"velocity has the opposite sign of the rate of change of position ({ratio:.3g} x): "
-            "turn one of them round.",
+            f"velocity has the opposite sign of the rate of change of position ({ratio:.3g} x): {turned}",
             "warn",
             "sign",
         )

@@ -64,8 +64,8 @@ def torque_against_motion(log: Log, columns: dict[str, Values], model: Expected 
     elif not sure and _drives(log, columns, torque, found, size):
         yield Suspicion(
             f"torque and motion have opposite signs (friction would drive the machine: Coulomb {found.coulomb:.3g} +- "
-            f"{found.deviations[1]:.2g}, viscous {found.viscous:.3g} +- {found.deviations[2]:.2g}, and on the whole the "
-            f"motion gives power to the motor): turn the sign of one of them, such as --columns torque=torque*-1.",
+            f"{found.deviations[1]:.2g}, viscous {found.viscous:.3g} +- {found.deviations[2]:.2g}, and on the whole "
+            f"the motion gives power to the motor): turn the sign of one of them, such as --columns torque=torque*-1.",
             "warn",
             "sign",
         )
@@ -78,6 +78,24 @@ def torque_against_motion(log: Log, columns: dict[str, Values], model: Expected 
         )
     elif model is not None:
         yield from _nominal(log, found, model, columns, size, sure=sure)
+
+
+def against_torque(log: Log, columns: dict[str, Values]) -> str:
+    """The one of velocity and position that moves against the torque while the other follows it; "" where none does."""
+    velocity, position = (
+        fit_rigid(columns["torque"], rate, angle, log.dt, gravity=not log.linear)
+        for rate, angle in ((columns["velocity"], None), (None, columns["position"]))
+    )
+    if velocity is None or position is None:
+        return ""
+    against = [_against(each) for each in (velocity, position)]
+    return "" if against[0] == against[1] else "velocity" if against[0] else "position"
+
+
+def _against(found: Nominal) -> bool:
+    """Whether a motion goes against the torque, by its inertia or, where that tells nothing, by its friction."""
+    told = abs(found.inertia) > SIGNIFICANT * found.deviations[0]
+    return found.inertia < 0.0 if told else found.coulomb < 0.0
 
 
 def _drives(log: Log, columns: dict[str, Values], torque: Values, found: Nominal, size: float) -> bool:
