@@ -237,7 +237,7 @@ def test_what_was_noticed_is_told_where_no_model_can_be_fitted(made, few, tmp_pa
     words = ["diagnose", tmp_path / "slow.csv", "--model", made / "nominal.toml", "--out", tmp_path / "why"]
     code = main([*map(str, words), "--no-cache"])
     told = capsys.readouterr()
-    assert "is its time in ms?" in (told.err if code else told.out)
+    assert "its time is in ms and was read in s" in (told.err if code else told.out)
 
 
 def test_a_log_in_which_nothing_moves_is_refused(made, tmp_path, capsys):
