@@ -17,6 +17,7 @@ from ..log import Log
 from ..mending.clock import TIME_UNITS, likely_unit
 from ..noise import noise_level, rounding_step
 from .agreement import TOGETHER, one_unit, travelled
+from .clipped_counter import clipped_counter
 from .stamp_jitter import stamp_jitter
 from .suspicion import LIKE, unit_of
 from .suspicion import Expected as Expected
@@ -63,6 +64,7 @@ def _found(log: Log, model: Expected | None) -> list[Suspicion]:
         for look in (
             _unit_of_time(log, present),
             swapped(log, present),
+            clipped_counter(log, present),
             _position_against_velocity(log, present),
             _whole_numbers(log, present),
             torque_against_motion(log, present, model),

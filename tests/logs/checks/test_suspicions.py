@@ -237,6 +237,36 @@ def test_a_clipped_torque_that_is_rounded(log, limit, count):
     assert [one.kind for one in found].count("clipped") == count
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_position_counter_that_ends_is_said(log, side):
+    """16 bits that reach to 0.6 of the furthest position."""
+    step = 0.6 * np.max(np.abs(log.position)) / 32768
+    counts = np.clip(np.round(side * log.position / step), -32768, 32767)
+    clipped = dataclasses.replace(log, velocity=side * log.velocity, torque=side * log.torque, position=step * counts)
+    found = [one for one in suspicions(clipped, BODY) if one.kind == "inconsistent"]
+    assert found
+    assert all("its counter is clipped there" in one.sentence for one in found)
+    word = "largest" if np.mean(counts == 32767) > np.mean(counts == -32768) else "smallest"
+    assert f"position stays at its {word} value" in found[0].sentence
+    # without a velocity nothing tells it from an end stop
+    assert "inconsistent" not in [kind for _, kind in kinds(dataclasses.replace(clipped, velocity=None), None)]
+
+
+@pytest.mark.parametrize("bias", [0.0, 0.02])
+@pytest.mark.parametrize("levels", [4096.0, 12.0])
+def test_a_machine_at_an_end_stop_or_a_coarse_encoder_is_no_clipped_counter(bias, levels):
+    """Half of the run at the highest position, where a loop presses on and off and the rate sensor has a bias."""
+    time = 1e-3 * np.arange(12000)
+    moving = np.minimum(time, 4.0) + np.maximum(time - 10.0, 0.0)
+    position = 1.0 + np.cos(0.5 * np.pi * (moving - 4.0))  # 2 from 4 to 10 s
+    velocity = np.gradient(position, 1e-3)
+    torque = 0.05 * np.gradient(velocity, 1e-3) + 0.4 * np.sign(velocity) + 2.0 * (velocity == 0.0) * np.sin(9.0 * time)
+    noise = 2e-3 * np.random.default_rng(2).standard_normal(time.size)
+    step = 2.0 / levels
+    stopped = Log(time, torque, velocity + bias + noise, step * np.round(position / step), None, 1e-3, "stop.csv")
+    assert not [one for one in suspicions(stopped, None) if "counter" in one.sentence]
+
+
 def test_a_drive_that_is_off_is_not_clipped_at_zero(log):
     torque = np.where(log.time < 0.5 * log.time[-1], np.abs(log.torque), 0.0)
     assert not [one for one in suspicions(dataclasses.replace(log, torque=torque)) if one.kind == "clipped"]
