@@ -188,6 +188,23 @@ def test_repeated_readings(log):
     assert kinds(dataclasses.replace(log, velocity=velocity)) == [("warn", "repeated")]
 
 
+def test_a_drive_that_is_off_repeats_nothing(log):
+    """Four fifths of a log at rest without torque, the gyro's noise beside them; what repeats in motion counts."""
+    rest = 4 * log.samples
+    noise = 2e-3 * np.random.default_rng(7).standard_normal(rest)
+    columns = (np.zeros(rest), noise, np.full(rest, log.position[0]))
+    joined = {
+        name: np.concatenate([before, getattr(log, name)])
+        for name, before in zip(("torque", "velocity", "position"), columns, strict=True)
+    }
+    resting = dataclasses.replace(log, time=np.arange(5 * log.samples) * log.dt, reference=None, **joined)
+    assert "repeated" not in [kind for _, kind in kinds(resting)]
+    torque = resting.torque.copy()
+    held = rest + np.flatnonzero(np.random.default_rng(1).random(log.samples) < 0.03)
+    torque[held] = torque[held - 1]
+    assert "repeated" in [kind for _, kind in kinds(dataclasses.replace(resting, torque=torque))]
+
+
 @pytest.mark.parametrize("late", [0.05, 0.3])
 def test_readings_off_their_stamps_are_told_with_their_size(log, late):
     rng = np.random.default_rng(5)
