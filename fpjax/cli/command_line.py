@@ -15,6 +15,7 @@ from typing import Any, NoReturn
 
 from .._version import __version__
 from ..errors import FpjaxWarning, InputError
+from .closed_output import reader_may_leave
 
 COMMANDS = {
     "simulate": "run a servo.toml, or replay a log through it, and print the errors",
@@ -90,11 +91,9 @@ def main(argv: list[str] | None = None) -> int:
         # jax and matplotlib hold a million objects that are never garbage: with the default thresholds the collector
         # would walk them again and again.
         gc.set_threshold(50_000, 20, 20)
-    with _terminable():
+    with _terminable(), reader_may_leave():
         code = _run(words)
     if own_process and code >= INTERRUPTED:
-        sys.stdout.flush()
-        sys.stderr.flush()
         os._exit(code)  # a regular exit would wait for a compilation that runs on another thread
     return code
 
@@ -151,9 +150,6 @@ def _run(argv: list[str]) -> int:
         kept = getattr(arguments, "kept", "")
         ended, code = ("terminated", 143) if isinstance(error, _Terminated) else ("interrupted", INTERRUPTED)
         return _fail(name, f"{ended}{f': {kept}' if kept else '; finished results are kept'}.", code)
-    except BrokenPipeError:  # a reader such as `head` has closed the pipe
-        sys.stdout = open(os.devnull, "w")  # noqa: SIM115 (for the interpreter's own flush at exit)
-        return 0
     except Exception as error:
         if isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error):  # numpy's error, and jax's
             return _fail(name, "out of memory: use fewer candidates, a shorter run or a larger step.", 2)

@@ -6,6 +6,7 @@ import pathlib
 
 from ..blocks.controllers import Proportional
 from ..errors import InputError
+from ..logs.columns.units import find_unit
 from ..output import toml_text
 from ..output.json_object import JsonObject, TomlTable
 from ..simulation.loop import ClosedLoop
@@ -177,7 +178,15 @@ def _read_units(table: TomlTable) -> Units:
         raise InputError(
             f'[units] torque = {torque!r} is not a unit: write "N m", "N", or a label such as "V" or "PWM".'
         )
-    torque = {"Nm": "N m", "N*m": "N m"}.get(torque, torque)
+    unit, si = find_unit(torque), {"torque": "N m", "force": "N"}
+    if unit is not None and unit.quantity in si:
+        right = si[unit.quantity]
+        if unit.factor != 1.0:
+            raise InputError(
+                f'[units] torque = "{torque}" is not a label but another unit than the log is read in: write the '
+                f'numbers of the file in {right}, and torque = "{right}".'
+            )
+        torque = right  # "Nm", "N*m"
     if torque == ("N m" if linear else "N"):
         kind, right = ("linear", "N") if linear else ("rotary", "N m")
         raise InputError(

@@ -135,6 +135,19 @@ def test_a_column_that_is_not_fitted_contradicts_nothing():
     assert check([dataclasses.replace(log, velocity=velocity, position=other)], model).contradictions(rate=False)
 
 
+def test_a_position_that_alone_goes_the_other_way_is_named_and_not_the_torque():
+    time, position = _moved()
+    velocity, torque = _driven(position)
+    log = read_log({"time": time, "torque": torque, "velocity": velocity, "position": -position})
+    for rate in (True, False):
+        (said,) = check([log], load_model(NOMINAL)).contradictions(rate=rate)
+        assert "--columns position=position*-1" in said
+        assert "torque=" not in said
+    turned = dataclasses.replace(log, velocity=-velocity, position=position)
+    assert "--columns velocity=velocity*-1" in check([turned], load_model(NOMINAL)).contradictions()[0]
+    assert not check([turned], load_model(NOMINAL)).contradictions(rate=False)
+
+
 def test_what_the_model_knows_of_its_gain_and_of_two_masses_is_no_contradiction():
     time = np.arange(0.0, 4.0, 1e-3)
     velocity = 3.0 * np.cos(3.0 * time) + 3.4 * np.cos(17.0 * time)
@@ -146,6 +159,45 @@ def test_what_the_model_knows_of_its_gain_and_of_two_masses_is_no_contradiction(
     two = NOMINAL.replace('type = "one_mass"\ninertia = 10.0', TWO)
     fast = read_log({"time": time, "torque": 0.1 * torque, "velocity": velocity})
     assert not check([fast], load_model(two)).contradictions()
+
+
+@pytest.mark.parametrize("stepping", ["sampled", "continuous"])
+@pytest.mark.parametrize(("unit", "size"), [("ms", 1e3), ("us", 1e6), ("s", 1e-3)])
+def test_a_time_a_thousand_times_off_the_models_period_is_a_contradiction(stepping, unit, size):
+    time, position = _moved()
+    _, torque = _driven(position)
+    text = NOMINAL if stepping == "sampled" else NOMINAL.split("stepping =")[0]
+    checked = check([read_log({"time": size * time, "torque": torque, "position": position})], load_model(text))
+    for rate in (True, False):
+        (said,) = checked.contradictions(rate=rate)
+        assert f"--columns time=NAME:{unit}" in said
+    assert sum("its rows are" in sentence for sentence in checked.warnings()) == 1
+    assert not any("write dt" in sentence for sentence in checked.warnings())
+
+
+def test_an_honest_clock_beside_another_period_contradicts_nothing():
+    time, position = _moved()
+    _, torque = _driven(position)
+    # In the very seconds of the log the velocity is the position's rate; no multiple of a unit; the step of a solver.
+    slow = {"time": 1e3 * time, "torque": torque, "position": position, "velocity": np.gradient(position, 1.0)}
+    for columns, text in (
+        (slow, NOMINAL),
+        ({"time": 3e2 * time, "torque": torque, "position": position}, NOMINAL),
+        ({"time": 1e2 * time, "torque": torque, "position": position}, NOMINAL.replace("1e-3", "1e-4")),
+    ):
+        model = load_model(text.split("stepping =")[0])
+        ((_, found),) = check([read_log(columns)], model).noticed
+        assert "time" not in [one.kind for one in found]
+
+
+def _moved():
+    time = np.arange(0.0, 4.0, 1e-3)
+    return time, np.sin(3.0 * time) + 0.2 * np.sin(17.0 * time)
+
+
+def _driven(position):
+    velocity = np.gradient(position, 1e-3)
+    return velocity, 10.0 * np.gradient(velocity, 1e-3) + 5.0 * np.sign(velocity)
 
 
 @pytest.mark.long
@@ -185,7 +237,7 @@ def test_what_was_noticed_is_told_where_no_model_can_be_fitted(made, few, tmp_pa
     words = ["diagnose", tmp_path / "slow.csv", "--model", made / "nominal.toml", "--out", tmp_path / "why"]
     code = main([*map(str, words), "--no-cache"])
     told = capsys.readouterr()
-    assert "is its time in ms?" in (told.err if code else told.out)
+    assert "its time is in ms and was read in s" in (told.err if code else told.out)
 
 
 def test_a_log_in_which_nothing_moves_is_refused(made, tmp_path, capsys):

@@ -1,5 +1,6 @@
 """How a command ends that meets a defect, a full memory, an interrupt, a reader that has enough; and its progress."""
 
+import json
 import os
 import re
 import subprocess
@@ -38,6 +39,23 @@ def test_a_reader_that_has_enough_is_no_error(servo):
     error = process.stderr.read()
     assert process.wait(timeout=120) == 0
     assert "Traceback" not in error
+
+
+def test_a_reader_that_has_enough_stops_no_file(log, tmp_path):
+    out = tmp_path / "look"
+    process = shell("inspect", log, "--no-plots", "--out", out)
+    process.stdout.close()
+    process.stderr.close()
+    assert process.wait(timeout=120) == 0
+    assert sorted(each.name for each in out.iterdir()) == ["inspection.json", "run.json", "servo.toml"]
+    assert json.loads((out / "run.json").read_text())["status"] == "completed"
+
+
+def test_help_that_nobody_reads_is_no_error():
+    process = shell("inspect", "--help")
+    process.stdout.close()
+    assert process.stderr.read() == ""
+    assert process.wait(timeout=120) == 0
 
 
 @pytest.mark.long  # a sweep that is long enough to tell its time left

@@ -130,6 +130,7 @@ BAD = {
     "a key outside": (("[plant]", "inertia = 1.0\n[plant]"), r"section \[inertia\] is not known"),
     "a value for a section": (("[plant]", "load = 1.0\n[plant]"), r"load is a section"),
     "mixed units": (("[plant]", '[units]\nmotion = "linear"\ntorque = "N m"\n[plant]'), r"is not of a linear axis|does not go with a linear axis"),
+    "a torque in millinewtonmetres": (("[plant]", '[units]\ntorque = "mNm"\n[plant]'), r"another unit than the log is read in: write .* N m"),
     "a sensor in continuous time": (
         ("0.5", '0.5\nstepping = "continuous"\n[sensor]\nnoise = 0.1'),
         r"\[sensor\] only works at sample instants",
@@ -181,6 +182,11 @@ def test_units_follow_the_axis():
     volts = changed("[plant]", '[units]\ntorque = "V"\n[plant]')
     with pytest.raises(fp.InputError, match=r"inertia must be above zero, got -10 V s\^2/rad"):
         fp.load_model(volts.replace("10.0", "-10.0"))
+
+
+@pytest.mark.parametrize("spelt", ["N m", "Nm", "N*m", "N·m", "N.m"])
+def test_newton_metres_are_one_unit_however_they_are_written(spelt):
+    assert fp.load_model(changed("[plant]", f'[units]\ntorque = "{spelt}"\n[plant]')).units.torque == "N m"
 
 
 def test_what_is_missing_is_asked_for_only_where_it_is_needed():

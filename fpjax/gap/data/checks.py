@@ -11,15 +11,18 @@ from ...blocks.plants import TwoMass
 from ...blocks.plants.transmission import Transmission
 from ...errors import InputError
 from ...logs import Log
+from ...logs.checks.agreement import TOGETHER, one_unit, travelled
 from ...logs.checks.suspicion import Suspicion
 from ...logs.checks.suspicions import Numbers, suspicions
 from ...logs.dynamics.nominal import fit_rigid, speed_of
+from ...logs.mending.clock import SLOW, TIME_UNITS, USUAL
 from ...model_file import Model
 from ..thresholds import THRESHOLDS
 from .setting import turns_with_position
 
 SAME_PERIOD = 1e-3  # relative difference of control periods that counts as none
-CONTRADICTIONS = {"unit", "sign", "swapped", "inconsistent", "machine"}  # kinds of suspicions that no effect explains
+# kinds of suspicions that no effect explains
+CONTRADICTIONS = {"time", "unit", "sign", "swapped", "inconsistent", "machine"}
 MOST_ROWS = 400_000  # samples that checks read, from the middle of the log: numerical derivatives take time
 
 
@@ -40,8 +43,8 @@ class Checked:
         late = [
             f"{log.name} has a period of {log.dt:g} s and the model [simulation] dt = {self.model.dt:g} s: the "
             f"corrected model keeps the model's; write dt = {log.dt:g} there to simulate the loop as it ran."
-            for log, _ in self.noticed
-            if abs(log.dt / self.model.dt - 1.0) > SAME_PERIOD
+            for log, found in self.noticed
+            if abs(log.dt / self.model.dt - 1.0) > SAME_PERIOD and not any(one.kind == "time" for one in found)
         ]
         return [*(one.sentence for _, found in self.noticed for one in found), *late]
 
@@ -61,6 +64,8 @@ class Checked:
                 numbers = _numbers(self.model)
                 alone = suspicions(dataclasses.replace(log, velocity=None), numbers)
                 left = [one for one in alone if one.kind in CONTRADICTIONS]
+                if left and (left[0].kind, seen[0].kind) == ("sign", "sign"):
+                    left = seen  # which tells, by the velocity, that it is the position's and not the torque's
                 seen = left if left or numbers is None or not _position_is_wrong(log, numbers.inertia) else seen
             said += [one.sentence for one in seen]
         return said
@@ -73,7 +78,7 @@ def check(logs: Sequence[Log], model: Model) -> Checked:
         InputError: for a log that cannot be diagnosed.
     """
     numbers = _numbers(model)
-    checked = Checked(model, tuple((log, tuple(suspicions(log, numbers))) for log in logs))
+    checked = Checked(model, tuple((log, tuple(_looked_at(log, model, numbers))) for log in logs))
     for _, found in checked.noticed:
         for one in found:
             if one.severity == "stop":
@@ -112,6 +117,50 @@ def wrong_kinds(log: Log) -> set[str]:
     """Kinds of what is wrong in a log by itself, without a model: contradictions, and what stops a diagnosis."""
     found = suspicions(log, None)
     return {one.kind for one in found if one.severity == "stop" or one.kind in CONTRADICTIONS | {"still"}}
+
+
+def _looked_at(log: Log, model: Model, numbers: Numbers | None) -> list[Suspicion]:
+    """The suspicions about a log; a wrong unit of its time explains a column or a model that seems wrong."""
+    found = suspicions(log, numbers)
+    time = _unit_of_time(log, model)
+    if not time or any(one.severity == "stop" for one in found):
+        return found
+    return [*time, *(one for one in found if one.kind not in CONTRADICTIONS | {"clock", "compensated", "nominal"})]
+
+
+def _unit_of_time(log: Log, model: Model) -> list[Suspicion]:
+    """Rows that are a thousand, a million, ... times further apart than the model's period, or nearer together.
+
+    A log with a velocity beside its position has a clock in them: where it agrees, the model's period is the wrong one.
+    The step of a model that is not sampled is a solver's and no control period: beside it, a log must be too slow or
+    too fast for a drive.
+    """
+    ratio = log.dt / model.dt
+    unit = next((name for name, size in TIME_UNITS.items() if abs(ratio * size - 1.0) < SAME_PERIOD), "")
+    if not unit and not any(abs(ratio / size - 1.0) < SAME_PERIOD for size in TIME_UNITS.values()):
+        return []
+    unusual = log.dt > SLOW if unit else log.dt < USUAL[0]
+    if not (unusual or model.stepping == "sampled") or _clock_agrees(log):
+        return []
+    times = f"{ratio:.0f} times" if unit else f"1/{1.0 / ratio:.0f} of"
+    read = f"{unit} and was read in s" if unit else "a longer unit than the one it was read in"
+    return [
+        Suspicion(
+            f"{log.name}: its rows are {log.dt:.4g} s apart, {times} the model's [simulation] dt = {model.dt:g} s, so "
+            f"its time is in {read}: give its unit, as in --columns time=NAME:{unit or 's'}.",
+            "warn",
+            "time",
+        )
+    ]
+
+
+def _clock_agrees(log: Log) -> bool:
+    """Whether the velocity is the position's rate on the log's clock."""
+    if log.velocity is None or log.position is None:
+        return False
+    part = _middle(log)
+    ratio, together = travelled(log.velocity[part], log.position[part], log.dt)
+    return together > TOGETHER and one_unit(ratio)
 
 
 def _position_is_wrong(log: Log, inertia: float) -> bool:

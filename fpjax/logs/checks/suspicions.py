@@ -17,12 +17,13 @@ from ..log import Log
 from ..mending.clock import TIME_UNITS, likely_unit
 from ..noise import noise_level, rounding_step
 from .agreement import TOGETHER, one_unit, travelled
+from .clipped_counter import clipped_counter
 from .stamp_jitter import stamp_jitter
 from .suspicion import LIKE, unit_of
 from .suspicion import Expected as Expected
 from .suspicion import Numbers as Numbers
 from .suspicion import Suspicion as Suspicion
-from .torque_suspicions import swapped, torque_against_motion
+from .torque_suspicions import against_torque, swapped, torque_against_motion
 
 SHORTEST = 64  # [samples]: with fewer, nothing is compared
 ONE_WAY = 0.01  # share of the samples in the other direction, below which the motion has one direction only
@@ -30,6 +31,8 @@ BOTH_WAYS = 0.2  # share of the moving time in either direction
 CLIPPED = 0.005  # share of the samples at an extreme
 FEW_LEVELS = 8  # different values: with so few the column is a relay's or a staircase command, not limited
 REPEATED = 0.002  # share of the samples that repeat the one before
+RESTING = 0.05  # of the speed that a hundredth of the rows exceed
+FEWEST_AT_REST = 16  # [samples] of one torque: a reading that is not renewed lasts a few periods
 LATE = 0.02  # of a period: the stamps of drives and buses with clocks of their own jitter by less
 MOST_ROWS = 400_000  # [samples]: a longer log is judged by its middle
 
@@ -55,7 +58,7 @@ def _found(log: Log, model: Expected | None) -> list[Suspicion]:
     if not found:
         found = [*_still(present)]
     if not any(s.severity == "stop" for s in found):
-        found += [*_clock(log, present), *_repeated(present), *_off_their_stamps(log, present)]
+        found += [*_clock(log, present), *_repeated(log, present), *_off_their_stamps(log, present)]
         found += [*_clipped(present), *_one_way(log, present), *_whole_torque(log, present)]
         found += _magnitude(log, present)
         # A wrong time unit makes wrong accelerations, exchanged columns make wrong signs: the first of these that is
@@ -63,6 +66,7 @@ def _found(log: Log, model: Expected | None) -> list[Suspicion]:
         for look in (
             _unit_of_time(log, present),
             swapped(log, present),
+            clipped_counter(log, present),
             _position_against_velocity(log, present),
             _whole_numbers(log, present),
             torque_against_motion(log, present, model),
@@ -146,15 +150,22 @@ def _clock(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
         )
 
 
-def _repeated(columns: dict[str, Values]) -> Iterator[Suspicion]:
-    """Readings that equal the one before exactly, which noise makes impossible unless the reading was not renewed."""
+def _repeated(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
+    """Readings that equal the one before exactly, which noise makes impossible unless the reading was not renewed.
+
+    What repeats while the machine rests under a constant torque (a drive that is off) does not count.
+    """
+    lively = ~_at_rest(log, columns)
+    if not np.any(lively):
+        return
     for name in ("torque", "velocity", "position"):
         values = columns.get(name)
         if values is None or rounding_step(values) > 0.0:
             continue
-        same = np.diff(values) == 0.0
+        same = (np.diff(values) == 0.0)[lively]
+        values = values[1:][lively]
         distinct = len(np.unique(values)) / len(values)
-        at_end = np.abs(values[1:]) >= 0.9995 * np.max(np.abs(values))
+        at_end = np.abs(values) >= 0.9995 * np.max(np.abs(values))
         share = float(np.mean(same & ~at_end))
         # Few distinct values mean rounding; a repetition among many distinct values is a reading that was not renewed.
         if share > REPEATED and distinct > 0.8 * (1.0 - share) and share > 4.0 * (1.0 - distinct - share):
@@ -164,6 +175,17 @@ def _repeated(columns: dict[str, Values]) -> Iterator[Suspicion]:
                 "warn",
                 "repeated",
             )
+
+
+def _at_rest(log: Log, columns: dict[str, Values]) -> Values:
+    """Rows after the first in which the torque is as before, for long, and nothing moves; shape (samples - 1,)."""
+    speed, _ = smooth_motion(columns.get("velocity"), columns.get("position"), log.dt)
+    still = np.abs(speed[1:]) < RESTING * np.quantile(np.abs(speed), 0.99)
+    quiet = (np.diff(columns["torque"]) == 0.0) & still
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], quiet.astype(np.int8), [0]])))
+    for first, last in zip(edges[::2], edges[1::2], strict=True):
+        quiet[first:last] = last - first >= FEWEST_AT_REST
+    return quiet
 
 
 def _off_their_stamps(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
@@ -267,9 +289,14 @@ def _position_against_velocity(log: Log, columns: dict[str, Values]) -> Iterator
             "unit",
         )
     elif ratio < 0.0:
+        wrong = against_torque(log, columns)
+        turned = (
+            f"it is the {wrong} that goes against the torque, so turn its sign with --columns {wrong}={wrong}*-1."
+            if wrong
+            else "turn one of them round."
+        )
         yield Suspicion(
-            f"velocity has the opposite sign of the rate of change of position ({ratio:.3g} x): "
-            "turn one of them round.",
+            f"velocity has the opposite sign of the rate of change of position ({ratio:.3g} x): {turned}",
             "warn",
             "sign",
         )

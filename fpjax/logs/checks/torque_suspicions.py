@@ -14,6 +14,8 @@ from .suspicion import Expected, Suspicion, unit_of
 BEYOND = 4.0  # factor: an inertia that is further off means another unit or another machine, not a cause of a gap
 EXPLAINED = 0.5  # share of the motion's variance within windows: with less explained, the fit means nothing
 SURE = 8.0  # [standard deviations] of the inertia: a wrong warning about a sign costs more than a missed one
+DRIVES = 5.0  # [standard deviations] below zero: friction that drives the machine where its inertia is not told
+LARGE = 0.1  # of the torque's rms: the torque of such a friction
 
 
 def swapped(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
@@ -59,6 +61,14 @@ def torque_against_motion(log: Log, columns: dict[str, Values], model: Expected 
             "warn",
             "sign",
         )
+    elif not sure and _drives(log, columns, torque, found, size):
+        yield Suspicion(
+            f"torque and motion have opposite signs (friction would drive the machine: Coulomb {found.coulomb:.3g} +- "
+            f"{found.deviations[1]:.2g}, viscous {found.viscous:.3g} +- {found.deviations[2]:.2g}, and on the whole "
+            f"the motion gives power to the motor): turn the sign of one of them, such as --columns torque=torque*-1.",
+            "warn",
+            "sign",
+        )
     elif found.inertia > 0.0 and sure and found.coulomb < -max(0.1 * size, SIGNIFICANT * found.deviations[1]):
         yield Suspicion(
             f"the fitted Coulomb friction is negative ({found.coulomb:.3g}): is there a compensation "
@@ -68,6 +78,42 @@ def torque_against_motion(log: Log, columns: dict[str, Values], model: Expected 
         )
     elif model is not None:
         yield from _nominal(log, found, model, columns, size, sure=sure)
+
+
+def against_torque(log: Log, columns: dict[str, Values]) -> str:
+    """The one of velocity and position that moves against the torque while the other follows it; "" where none does."""
+    velocity, position = (
+        fit_rigid(columns["torque"], rate, angle, log.dt, gravity=not log.linear)
+        for rate, angle in ((columns["velocity"], None), (None, columns["position"]))
+    )
+    if velocity is None or position is None:
+        return ""
+    against = [_against(each) for each in (velocity, position)]
+    return "" if against[0] == against[1] else "velocity" if against[0] else "position"
+
+
+def _against(found: Nominal) -> bool:
+    """Whether a motion goes against the torque, by its inertia or, where that tells nothing, by its friction."""
+    told = abs(found.inertia) > SIGNIFICANT * found.deviations[0]
+    return found.inertia < 0.0 if told else found.coulomb < 0.0
+
+
+def _drives(log: Log, columns: dict[str, Values], torque: Values, found: Nominal, size: float) -> bool:
+    """Whether friction is surely negative, a good part of the torque, and the motor takes power out of the motion.
+
+    Of a motion of one sine an unbalance stands for the inertia, which then tells no sign, but friction does. A fit that
+    a spring or a weight bends may find a negative friction too; the motor's work tells it: over a run it is what
+    friction takes, but for what the machine gained or gave up in height and speed.
+    """
+    speed, _ = smooth_motion(columns.get("velocity"), columns.get("position"), log.dt)
+    fast = float(np.sqrt(np.mean(speed**2)))
+    parts = zip((found.coulomb, fast * found.viscous), (1.0, fast), found.deviations[1:3], strict=True)
+    negative = [part < -max(LARGE * size, DRIVES * per * deviation) for part, per, deviation in parts]
+    if not any(negative) or _dissipates(found):
+        return False
+    # the share of the torque's whole work that comes back: 1 where a friction of the wrong sign is all that acts
+    work = torque * speed
+    return float(np.sum(work)) < -LARGE * float(np.sum(np.abs(work)))
 
 
 def _dissipates(found: Nominal) -> bool:

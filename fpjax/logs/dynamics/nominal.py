@@ -107,6 +107,11 @@ class Nominal:
     @property
     def doubt(self) -> str:
         """Why these numbers are no machine, as the end of a sentence; "" where they are `plausible`."""
+        if self.inertia < -SIGNIFICANT * self.deviations[0]:
+            return (
+                f"the fitted inertia is negative ({self.inertia:.3g} +- {self.deviations[0]:.2g}): torque and motion "
+                f"have opposite signs, or something else than this torque moves the machine"
+            )
         if not self.inertia > SIGNIFICANT * self.deviations[0]:
             return (
                 f"the fitted inertia, {self.inertia:.3g} +- {self.deviations[0]:.2g}, is not told from zero (the "

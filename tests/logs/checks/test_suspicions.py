@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from numpy_machine import record
+from numpy_machine import Machine, nothing, record
 from public_records import EMPS, needs_emps
 
 from fpjax import Log
@@ -89,6 +89,39 @@ def test_a_torque_of_the_wrong_sign(sensors):
     assert kinds(dataclasses.replace(made, torque=-made.torque), None) == [("warn", "sign")]
 
 
+def _one_sine(extra=nothing):
+    """A run of one sine, of which an unbalance could stand for the inertia."""
+    machine = Machine(inertia=0.02, viscous=0.05, kp=0.8, ki=16.0, stribeck=0.4)
+    reference = 3.0 * np.sin(2 * np.pi * 0.8 * 2e-3 * np.arange(3000))
+    encoder = {"position_noise": 0.0, "position_step": 2 * np.pi / 32768}
+    return record(machine, seconds=6.0, dt=2e-3, reference=reference, extra=extra, velocity_noise=3e-3, **encoder)
+
+
+@pytest.mark.parametrize("lacking", ["", "velocity"])
+def test_friction_that_would_drive_the_machine_is_a_torque_of_the_wrong_sign(lacking):
+    log = dataclasses.replace(_one_sine(), **({lacking: None} if lacking else {}))
+    assert suspicions(log, None) == []
+    (found,) = suspicions(dataclasses.replace(log, torque=-log.torque), None)
+    assert found.kind == "sign"
+    assert "friction would drive the machine" in found.sentence
+    assert "--columns torque=torque*-1" in found.sentence
+
+
+@pytest.mark.parametrize(
+    "extra",
+    [
+        lambda t, v, q, u: -2.0 * q,
+        lambda t, v, q, u: -3.0 * (q - min(max(q, -0.3), 0.3)),
+        lambda t, v, q, u: -1.0 * math.sin(q),
+        lambda t, v, q, u: 0.6,
+        lambda t, v, q, u: 0.4 * math.sin(6 * q),
+        lambda t, v, q, u: 0.38 * math.tanh(v / 0.05),  # of a friction of 0.4 hardly any is left
+    ],
+)
+def test_no_torque_of_the_position_makes_friction_drive_an_honest_machine(extra):
+    assert "sign" not in [kind for _, kind in kinds(_one_sine(extra), None)]
+
+
 def test_a_load_that_follows_the_acceleration_is_no_turned_sign(log):
     """Another joint pushes with twice this one's inertia: the friction still takes power, so the sign is right."""
     acceleration = np.gradient(log.velocity, log.dt)
@@ -155,6 +188,23 @@ def test_repeated_readings(log):
     assert kinds(dataclasses.replace(log, velocity=velocity)) == [("warn", "repeated")]
 
 
+def test_a_drive_that_is_off_repeats_nothing(log):
+    """Four fifths of a log at rest without torque, the gyro's noise beside them; what repeats in motion counts."""
+    rest = 4 * log.samples
+    noise = 2e-3 * np.random.default_rng(7).standard_normal(rest)
+    columns = (np.zeros(rest), noise, np.full(rest, log.position[0]))
+    joined = {
+        name: np.concatenate([before, getattr(log, name)])
+        for name, before in zip(("torque", "velocity", "position"), columns, strict=True)
+    }
+    resting = dataclasses.replace(log, time=np.arange(5 * log.samples) * log.dt, reference=None, **joined)
+    assert "repeated" not in [kind for _, kind in kinds(resting)]
+    torque = resting.torque.copy()
+    held = rest + np.flatnonzero(np.random.default_rng(1).random(log.samples) < 0.03)
+    torque[held] = torque[held - 1]
+    assert "repeated" in [kind for _, kind in kinds(dataclasses.replace(resting, torque=torque))]
+
+
 @pytest.mark.parametrize("late", [0.05, 0.3])
 def test_readings_off_their_stamps_are_told_with_their_size(log, late):
     rng = np.random.default_rng(5)
@@ -202,6 +252,36 @@ def test_a_clipped_torque_that_is_rounded(log, limit, count):
     torque = step * np.round(np.clip(log.torque, -limit * largest, limit * largest) / step)
     found = suspicions(dataclasses.replace(log, torque=torque), BODY)
     assert [one.kind for one in found].count("clipped") == count
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_position_counter_that_ends_is_said(log, side):
+    """16 bits that reach to 0.6 of the furthest position."""
+    step = 0.6 * np.max(np.abs(log.position)) / 32768
+    counts = np.clip(np.round(side * log.position / step), -32768, 32767)
+    clipped = dataclasses.replace(log, velocity=side * log.velocity, torque=side * log.torque, position=step * counts)
+    found = [one for one in suspicions(clipped, BODY) if one.kind == "inconsistent"]
+    assert found
+    assert all("its counter is clipped there" in one.sentence for one in found)
+    word = "largest" if np.mean(counts == 32767) > np.mean(counts == -32768) else "smallest"
+    assert f"position stays at its {word} value" in found[0].sentence
+    # without a velocity nothing tells it from an end stop
+    assert "inconsistent" not in [kind for _, kind in kinds(dataclasses.replace(clipped, velocity=None), None)]
+
+
+@pytest.mark.parametrize("bias", [0.0, 0.02])
+@pytest.mark.parametrize("levels", [4096.0, 12.0])
+def test_a_machine_at_an_end_stop_or_a_coarse_encoder_is_no_clipped_counter(bias, levels):
+    """Half of the run at the highest position, where a loop presses on and off and the rate sensor has a bias."""
+    time = 1e-3 * np.arange(12000)
+    moving = np.minimum(time, 4.0) + np.maximum(time - 10.0, 0.0)
+    position = 1.0 + np.cos(0.5 * np.pi * (moving - 4.0))  # 2 from 4 to 10 s
+    velocity = np.gradient(position, 1e-3)
+    torque = 0.05 * np.gradient(velocity, 1e-3) + 0.4 * np.sign(velocity) + 2.0 * (velocity == 0.0) * np.sin(9.0 * time)
+    noise = 2e-3 * np.random.default_rng(2).standard_normal(time.size)
+    step = 2.0 / levels
+    stopped = Log(time, torque, velocity + bias + noise, step * np.round(position / step), None, 1e-3, "stop.csv")
+    assert not [one for one in suspicions(stopped, None) if "counter" in one.sentence]
 
 
 def test_a_drive_that_is_off_is_not_clipped_at_zero(log):

@@ -122,7 +122,8 @@ def test_a_fit_that_is_no_machine_says_why():
     sound = fit_nominal(made(gyro=0.01))
     assert (sound.plausible, sound.doubt) == (True, "")
     for change, words in (
-        ({"inertia": -sound.inertia}, "inertia, -0.01"),
+        ({"inertia": -sound.inertia}, "inertia is negative (-0.01"),
+        ({"inertia": 1e-3 * sound.deviations[0]}, "is not told from zero"),
         ({"share": 0.2}, "explain only 20%"),
         ({"coulomb": -sound.coulomb}, "Coulomb friction is negative (-0.0"),
     ):
