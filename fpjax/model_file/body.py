@@ -123,10 +123,7 @@ def describe_plant(plant: AbstractPlant) -> dict[str, JsonObject]:
     """The [plant] and [transmission] sections of a plant."""
     if isinstance(plant, Transmission):
         inertia = {"type": "one_mass", "inertia": number(plant.inertia, "inertia")}
-        table = numbers(plant, TRANSMISSION)
-        if table.get("viscous_share") == number(plant.friction_share, "friction_share"):
-            del table["viscous_share"]
-        return {"plant": inertia, "transmission": table}
+        return {"plant": inertia, "transmission": numbers(plant, TRANSMISSION)}
     return {"plant": form_for(plant, PLANTS, "plant").describe(plant)}
 
 

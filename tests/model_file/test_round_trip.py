@@ -198,6 +198,10 @@ def test_round_trip_is_exact(sections):
         },
     ),
 )
+@example(
+    {"plant": {"type": "one_mass", "inertia": 1.0}, "friction": {"type": "none"}, "simulation": {"dt": 1e-3}},
+    {"stiffness": 1.0, "friction_share": 0.5, "viscous_share": 0.5},
+)
 def test_round_trip_with_a_transmission(sections, transmission):  # fmt: skip
     model = load_model(toml_text.write({**sections, "transmission": transmission}))
     assert isinstance(model.loop.plant, Transmission)

@@ -9,20 +9,22 @@ from ..fit.candidate import NOMINAL, Fit, Start
 from ..fit.search import Search
 from ..thresholds import THRESHOLDS
 from .decision import Decision
+from .detectability import resolved
+from .starts import alone
 from .weighed import Exact, judged_windows, moving_windows
 
 (DELAY,) = (parameter.name for parameter in LATE_TORQUE.parameters)
 
 
 def late_beside_numbers(search: Search) -> float:
-    """By how much the torque is recorded later than it acted [s], before a cause is looked for; 0 where that is unsure.
+    """By how much the torque is recorded later than it acted [s], before a cause is chosen; 0 where that is unsure.
 
     A measured current is that of a moment and not of the row for which it is taken, so that it is half a row late; one
     that the drive filters is later, and of some logs each row holds the torque of the row before. The machine then
     answers before it is asked to, which no cause of the vocabulary makes. Some take much of it nevertheless (a shaft
-    lets the motor turn before its load does), so that it is asked for first: beside the numbers alone a dead time below
-    zero must take what a further cause would have to. What is recorded late was no later on the machine, so that the
-    column is mended (`fpjax.gap.verb`).
+    lets the motor turn before its load does), and it takes much of them. Beside the numbers alone a dead time below
+    zero must take what a further cause would have to, and bring most of what the likeliest effect brings. What is
+    recorded late was no later on the machine, so that the column is mended (`fpjax.gap.verb`).
 
     Args:
         search: of the logs.
@@ -30,7 +32,14 @@ def late_beside_numbers(search: Search) -> float:
     given = search.finish([search.exact])[0]
     (numbers,) = search.fitted([Start((), NOMINAL, {})])
     exact = Exact(given, judged_windows(given, [numbers], moving_windows(search.records)))
-    return _late(search, exact, numbers, numbers.evidence - len(NOMINAL), [], 1.0 - THRESHOLDS.removes)
+    late = _late(search, exact, numbers, numbers.evidence - len(NOMINAL), [], 1.0 - THRESHOLDS.removes)
+    if late is None:
+        return 0.0
+    rivals = [
+        fit.evidence for fit in search.explore(alone(search)) if fit.candidate.structural and resolved(search, fit)
+    ]
+    brings = max(rivals, default=-np.inf) - numbers.evidence
+    return _delay(late) if late.evidence - numbers.evidence > THRESHOLDS.stands_in * brings else 0.0
 
 
 def late_torque(search: Search, decision: Decision) -> float:
@@ -43,16 +52,17 @@ def late_torque(search: Search, decision: Decision) -> float:
         decision: on its fits.
     """
     c, exact = decision.chosen.fit.candidate, Exact(decision.exact, decision.judged)
-    beside = [Start((*c.effects, LATE_TORQUE), tuple(c.wide), c.values() | one, c) for one in _late_by(search)]
-    return _late(search, exact, decision.chosen.fit, decision.chosen.evidence, beside, THRESHOLDS.part**2)
+    beside = [Start((*c.effects, LATE_TORQUE), tuple(c.wide), {**c.values(), **one}, c) for one in _late_by(search)]
+    late = _late(search, exact, decision.chosen.fit, decision.chosen.evidence, beside, THRESHOLDS.part**2)
+    return 0.0 if late is None else _delay(late)
 
 
 def _late_by(search: Search) -> Sequence[Mapping[str, float]]:
     return LATE_TORQUE.starts(search.setting)
 
 
-def _late(search: Search, exact: Exact, fit: Fit, evidence: float, beside: Sequence[Start], most: float) -> float:
-    """How late the torque is [s]: beside a fit, or beside the numbers alone, which the fit's causes may only stand for.
+def _late(search: Search, exact: Exact, fit: Fit, evidence: float, beside: Sequence[Start], most: float) -> Fit | None:
+    """A fit with a late torque: beside what is chosen, or beside the numbers alone, for which causes may only stand.
 
     Args:
         search: of the logs.
@@ -65,17 +75,21 @@ def _late(search: Search, exact: Exact, fit: Fit, evidence: float, beside: Seque
     held = {parameter.name for effect in fit.candidate.effects for parameter in effect.parameters}
     # Beside a dead time of the actuator, of the nominal model or fitted, the two would be one number.
     if exact.fit.candidate.values().get(DELAY) != 0.0 or DELAY in held:
-        return 0.0
+        return None
     left, torque = exact.left(fit), np.concatenate([record.torque for record in search.records])
     if left < THRESHOLDS.nothing * float(np.sqrt(np.mean(torque**2))):
-        return 0.0
-    alone = [Start((LATE_TORQUE,), NOMINAL, search.base.values() | one, search.base) for one in _late_by(search)]
-    best = max(search.fitted([*beside, *alone]), key=lambda one: one.evidence)
+        return None
+    without = [Start((LATE_TORQUE,), NOMINAL, {**search.base.values(), **one}, search.base) for one in _late_by(search)]
+    best = max(search.fitted([*beside, *without]), key=lambda one: one.evidence)
     gain = best.evidence - len(best.candidate.wide) - evidence
     taken = exact.left(best) ** 2 < most * left**2 and _in_every_log(best, fit)
     if not taken or gain <= THRESHOLDS.decisive or DELAY in best.candidate.at_bound():
-        return 0.0
-    return -best.candidate.values()[DELAY]
+        return None
+    return best
+
+
+def _delay(late: Fit) -> float:
+    return -late.candidate.values()[DELAY]
 
 
 def _in_every_log(best: Fit, chosen: Fit) -> bool:
