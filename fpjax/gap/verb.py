@@ -28,7 +28,7 @@ from .effects.effect import Effect
 from .effects.vocabulary import EFFECTS, on_rate_sensor
 from .fit.saved_fits import ResumingSearch, SavedFits, key_of
 from .fit.search import Search
-from .select.decision import decide
+from .select.decision import decide, fit_alone
 from .select.late_torque import lags, late_beside_numbers, late_torque, least_missing
 from .simulate.family import Nominal
 from .stage_costs import COSTS
@@ -127,8 +127,9 @@ def _diagnose(
         warnings += about_stretches(search.records)
         if doubts and search.records[0].velocity is None:
             doubts = checked.contradictions(rate=False)
-        late, chosen = 0.0 if doubts else late_beside_numbers(search), None
-        for _ in range(2):  # before any cause is looked for, and beside those that were found
+        first, chosen = fit_alone(search, clock), None
+        late = 0.0 if doubts else late_beside_numbers(search, first)
+        for _ in range(2):  # before any cause is chosen, or beside those that were
             if late > 0.0:
                 clock("looking")
                 searches = {
@@ -137,10 +138,10 @@ def _diagnose(
                 }
                 lag = least_missing(searches, chosen)
                 warnings.append(about_late_torque(everything, late, lag))
-                search = searches[lag]
+                search, first = searches[lag], None
             mended = late > 0.0
             curves = curves_of(search)
-            decision = decide(search, clock, curves.by)
+            decision = decide(search, clock, curves.by, first)
             late, chosen = 0.0 if doubts or mended else late_torque(search, decision), decision.chosen.fit
             if not late > 0.0:
                 break

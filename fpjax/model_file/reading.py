@@ -181,7 +181,7 @@ def _read_units(table: TomlTable) -> Units:
     unit, si = find_unit(torque), {"torque": "N m", "force": "N"}
     if unit is not None and unit.quantity in si:
         right = si[unit.quantity]
-        if unit.factor != 1.0:
+        if unit.factor != 1.0 and right == ("N" if linear else "N m"):
             raise InputError(
                 f'[units] torque = "{torque}" is not a label but another unit than the log is read in: write the '
                 f'numbers of the file in {right}, and torque = "{right}".'

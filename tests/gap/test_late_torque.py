@@ -12,7 +12,7 @@ from fpjax import diagnose, load_model
 from fpjax.gap import EFFECTS
 from fpjax.gap.data.inputs import about_late_torque, with_earlier_torque
 from fpjax.gap.fit.saved_fits import SavedFits
-from fpjax.gap.select.decision import decide
+from fpjax.gap.select.decision import decide, fit_alone
 from fpjax.gap.select.late_torque import lags, late_beside_numbers, late_torque
 from fpjax.gap.verb import make_search
 from fpjax.simulation.precision import double_precision
@@ -58,7 +58,8 @@ def every(log, rows):
 
 def late_at_first(log, model=gap_search.MODEL, effects=FEW):
     with double_precision():
-        return late_beside_numbers(make_search([log], [], load_model(model), effects))
+        search = make_search([log], [], load_model(model), effects)
+        return late_beside_numbers(search, fit_alone(search, lambda *arguments: None))
 
 
 def pressing(time, speed, angle, command):
@@ -174,3 +175,23 @@ def test_a_late_torque_hides_no_cause_and_an_interrupt_keeps_the_fits_of_both_se
     whole = diagnose(log, model, effects=FEW)
     assert str(found) == str(whole)
     assert repr(found.ranking) == repr(whole.ranking)
+
+
+@pytest.mark.parametrize("last", ["effects together (2)", "intervals and curves"])
+def test_a_diagnosis_of_a_torque_in_time_resumes_with_the_same_numbers(tmp_path, last):
+    """Every question before a cause is chosen has the same answer again; the second one was another's, once."""
+    log = numpy_machine.record(numpy_machine.Machine(constant=0.15), seconds=4.0, extra=pressing)
+    model, path = load_model(gap_search.MODEL), tmp_path / "kept"
+    some = tuple(effect for effect in EFFECTS if effect.name in (*NAMES, "unbalance"))
+
+    def stop(stage, share):
+        if stage == last:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        diagnose(log, model, effects=some, progress=stop, keep=SavedFits(path))
+    again = SavedFits(path)
+    found = diagnose(log, model, effects=some, keep=again)
+    assert again.taken >= 3
+    assert not again.lost
+    assert repr(found.ranking) == repr(diagnose(log, model, effects=some).ranking)

@@ -131,16 +131,16 @@ def _looked_at(log: Log, model: Model, numbers: Numbers | None) -> list[Suspicio
 def _unit_of_time(log: Log, model: Model) -> list[Suspicion]:
     """Rows that are a thousand, a million, ... times further apart than the model's period, or nearer together.
 
-    A log with a velocity beside its position has a clock in them: where it agrees, the model's period is the wrong one.
-    The step of a model that is not sampled is a solver's and no control period: beside it, a log must be too slow or
-    too fast for a drive.
+    A velocity beside a position has a clock in them: where it agrees, the model's period is the wrong one.
+    Besides, the log must be too slow or too fast for a drive: a scope's log of a sampled loop may be a thousand times
+    as fast as its period, and the step of a model that is not sampled is a solver's.
     """
     ratio = log.dt / model.dt
     unit = next((name for name, size in TIME_UNITS.items() if abs(ratio * size - 1.0) < SAME_PERIOD), "")
     if not unit and not any(abs(ratio / size - 1.0) < SAME_PERIOD for size in TIME_UNITS.values()):
         return []
     unusual = log.dt > SLOW if unit else log.dt < USUAL[0]
-    if not (unusual or model.stepping == "sampled") or _clock_agrees(log):
+    if not unusual or _clock_agrees(log):
         return []
     times = f"{ratio:.0f} times" if unit else f"1/{1.0 / ratio:.0f} of"
     read = f"{unit} and was read in s" if unit else "a longer unit than the one it was read in"

@@ -65,22 +65,48 @@ class Decision:
     lost: Mapping[str, float] = field(default_factory=dict)
 
 
-def decide(search: Search, stage: Callable[[str, float], None], curves: Mapping[str, Curve] | None = None) -> Decision:
+@dataclass(frozen=True)
+class Alone:
+    """What is fitted before anything is chosen.
+
+    Attributes:
+        given: the nominal model as given.
+        fits: its numbers freed, and every effect beside them.
+    """
+
+    given: Fit
+    fits: tuple[Fit, ...]
+
+
+def fit_alone(search: Search, stage: Callable[[str, float], None]) -> Alone:
+    """Fit the nominal numbers and every effect alone; the arguments are those of `decide`."""
+    search.tick = lambda share: stage("effects alone", share)
+    stage("effects alone", 0.0)
+    given = search.finish([search.exact])[0]
+    return Alone(given, tuple(search.explore(alone(search))))
+
+
+def decide(
+    search: Search,
+    stage: Callable[[str, float], None],
+    curves: Mapping[str, Curve] | None = None,
+    first: Alone | None = None,
+) -> Decision:
     """Fit effects alone, then together while more than one is needed, then details beside them.
 
     Args:
         search: of the logs.
         stage: called with (name of the stage, share of the stage that is done [1]).
         curves: what a table of each recorded variable holds.
+        first: what `fit_alone` gave of this search; None to fit it here.
     """
 
     def begin(name: str) -> None:
         search.tick = lambda share: stage(name, share)
         stage(name, 0.0)
 
-    begin("effects alone")
-    given = search.finish([search.exact])[0]
-    fits = search.explore(alone(search))
+    first = fit_alone(search, stage) if first is None else first
+    given, fits = first.given, first.fits
     exact = Exact(given, judged_windows(given, fits, moving_windows(search.records)), curves or {})
     weighed = weigh(search, exact, fits)
     nominal = next(w for w in weighed if not w.structural)

@@ -71,7 +71,9 @@ def resolved(search: Search, fit: Fit, t: Thresholds = THRESHOLDS) -> bool:
 
 
 def _drives(search: Search, values: Mapping[str, float]) -> bool:
-    """Whether a friction by position is below zero where the machine was: by more than a tenth of its usual level.
+    """Whether a Coulomb level by position is below zero where the machine was: by more than a tenth of its usual size.
+
+    Of both directions' mean, without a Stribeck friction.
 
     Over a short travel that repeats, its waves, turned over with the speed, are any torque of position and direction:
     inertial torque, a lag, a spring.

@@ -8,15 +8,14 @@ from ..effects.always import LATE_TORQUE
 from ..fit.candidate import NOMINAL, Fit, Start
 from ..fit.search import Search
 from ..thresholds import THRESHOLDS
-from .decision import Decision
+from .decision import Alone, Decision
 from .detectability import resolved
-from .starts import alone
 from .weighed import Exact, judged_windows, moving_windows
 
 (DELAY,) = (parameter.name for parameter in LATE_TORQUE.parameters)
 
 
-def late_beside_numbers(search: Search) -> float:
+def late_beside_numbers(search: Search, first: Alone) -> float:
     """By how much the torque is recorded later than it acted [s], before a cause is chosen; 0 where that is unsure.
 
     A measured current is that of a moment and not of the row for which it is taken, so that it is half a row late; one
@@ -28,16 +27,14 @@ def late_beside_numbers(search: Search) -> float:
 
     Args:
         search: of the logs.
+        first: its fits of the numbers and of every effect alone.
     """
-    given = search.finish([search.exact])[0]
-    (numbers,) = search.fitted([Start((), NOMINAL, {})])
-    exact = Exact(given, judged_windows(given, [numbers], moving_windows(search.records)))
+    numbers = max((fit for fit in first.fits if not fit.candidate.structural), key=lambda fit: fit.evidence)
+    exact = Exact(first.given, judged_windows(first.given, first.fits, moving_windows(search.records)))
     late = _late(search, exact, numbers, numbers.evidence - len(NOMINAL), [], 1.0 - THRESHOLDS.removes)
     if late is None:
         return 0.0
-    rivals = [
-        fit.evidence for fit in search.explore(alone(search)) if fit.candidate.structural and resolved(search, fit)
-    ]
+    rivals = [fit.evidence for fit in first.fits if fit.candidate.structural and resolved(search, fit)]
     brings = max(rivals, default=-np.inf) - numbers.evidence
     return _delay(late) if late.evidence - numbers.evidence > THRESHOLDS.stands_in * brings else 0.0
 

@@ -123,10 +123,10 @@ def come_back(given: Fit, before: Fit, after: Fit, numbers: Collection[str]) -> 
 
 
 def _puts_off(given: Fit, fit: Fit, chosen: Fit) -> bool:
-    """Whether one factor takes a mean of the friction that an effect holds further from the given number.
+    """Whether one factor takes a nominal number that an effect holds further from the given one.
 
-    A friction by direction has levels of its own, which no prior holds: they follow any factor for nothing. So would
-    the inertia come back and both means be off instead, which makes nothing simpler.
+    An effect that holds nominal numbers, as a friction by direction does, has levels of its own that no prior binds:
+    they follow any factor for nothing. The inertia would come back and both means be off instead.
     """
     held = {n for effect in chosen.candidate.effects for n in numbers_of(effect)}
     old, first, then = (one.candidate.values() for one in (given, chosen, fit))

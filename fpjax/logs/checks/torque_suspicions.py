@@ -95,7 +95,7 @@ def against_torque(log: Log, columns: dict[str, Values]) -> str:
 def _against(found: Nominal) -> bool:
     """Whether a motion goes against the torque, by its inertia or, where that tells nothing, by its friction."""
     told = abs(found.inertia) > SIGNIFICANT * found.deviations[0]
-    return found.inertia < 0.0 if told else found.coulomb < 0.0
+    return found.inertia < 0.0 if told else found.coulomb < -SIGNIFICANT * found.deviations[1]
 
 
 def _drives(log: Log, columns: dict[str, Values], torque: Values, found: Nominal, size: float) -> bool:

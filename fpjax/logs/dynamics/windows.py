@@ -14,7 +14,9 @@ FEWEST_SAMPLES, FEWEST_WINDOWS = 16, 8
 POINTS = 64  # readings in a window: more are averaged in groups, which keeps the arrays small
 MOST_ROWS = 240_000  # [samples]: of a longer log, evenly spaced pieces are used
 ROUNDS = 40  # of reweighting
-RESTS = 3.0  # of the noise of a reading: a window whose readings scatter less is at rest [1]
+RESTS = 3.0  # of the noise of a point: a window whose points scatter less is at rest [1]
+CLEAR = 10.0  # times as far the fastest window must move for noise not to hide which windows rest [1]
+BIAS = 0.1  # of the largest speed: a level at rest is less [1]
 
 
 @dataclass(frozen=True)
@@ -100,15 +102,13 @@ def windows_of(pieces: list[Piece], seconds: float, count: int) -> Cut | None:
     if not readings:
         return None
     order, noise = pieces[0].order, pieces[0].noise / np.sqrt(group)
-    y = np.concatenate(readings)
-    moved = np.std(y, axis=1) if order == 2 else np.sqrt(np.mean(y**2, axis=1))
-    moves = moved > RESTS * pieces[0].noise
+    y = _means(np.concatenate(readings), group)
+    moves = _moving(y, noise, order)
     if np.mean(moves) > 0.5:
         moves[:] = True
     if np.count_nonzero(moves) < FEWEST_WINDOWS:
         return None
-    y, x = y[moves], _integrated(np.concatenate(terms)[moves], dt, order)
-    y, x = _means(y, group), _means(x, group)
+    y, x = y[moves], _means(_integrated(np.concatenate(terms)[moves], dt, order), group)
     # Start angle and speed of each window are eliminated by projecting readings and regressors onto what is
     # orthogonal to a constant (velocity) or to a constant and a line (position).
     time = np.linspace(0.0, 1.0, y.shape[1])
@@ -116,6 +116,19 @@ def windows_of(pieces: list[Piece], seconds: float, count: int) -> Cut | None:
     y = y - (y @ free) @ free.T
     x = x - np.einsum("nj,wjk->wnk", free, np.einsum("wnk,nj->wjk", x, free))
     return Cut(y, x, noise, seconds, order)
+
+
+def _moving(y: Values, noise: float, order: int) -> Values:
+    """Whether the machine moves in each window; in all of them where noise could hide which do, shape (windows,).
+
+    A velocity's level at rest, a sensor's bias, is that of most windows where it is small beside the fastest.
+    """
+    level = np.median(np.mean(y, axis=1)) if order == 1 else np.mean(y, axis=1, keepdims=True)
+    if order == 1 and abs(level) > BIAS * np.max(np.abs(y)):
+        level = 0.0
+    moved = np.sqrt(np.mean((y - level) ** 2, axis=1))
+    clear = np.max(moved) > CLEAR * RESTS * noise
+    return (moved > RESTS * noise) | (not clear)
 
 
 def _integrated(terms: Values, dt: float, order: int) -> Values:
