@@ -26,6 +26,7 @@ from .data.setting import make_setting
 from .diagnosis import Diagnosis
 from .effects.effect import Effect
 from .effects.vocabulary import EFFECTS, on_rate_sensor
+from .fit.candidate import Fit
 from .fit.saved_fits import ResumingSearch, SavedFits, key_of
 from .fit.search import Search
 from .select.decision import decide, fit_alone
@@ -127,24 +128,29 @@ def _diagnose(
         warnings += about_stretches(search.records)
         if doubts and search.records[0].velocity is None:
             doubts = checked.contradictions(rate=False)
-        first, chosen = fit_alone(search, clock), None
+
+        def earlier(late: float, chosen: Fit | None) -> Search:
+            """Of the logs with the torque as it acted."""
+            clock("looking")
+            searches = {
+                lag: make_search(*_earlier(logs, withheld, late, lag), model, effects, keep, again=True)
+                for lag in lags(late, search.setting.dt)
+            }
+            lag = least_missing(searches, chosen)
+            warnings.append(about_late_torque(everything, late, lag))
+            return searches[lag]
+
+        first = fit_alone(search, clock)
         late = 0.0 if doubts else late_beside_numbers(search, first)
-        for _ in range(2):  # before any cause is chosen, or beside those that were
-            if late > 0.0:
-                clock("looking")
-                searches = {
-                    lag: make_search(*_earlier(logs, withheld, late, lag), model, effects, keep, again=True)
-                    for lag in lags(late, search.setting.dt)
-                }
-                lag = least_missing(searches, chosen)
-                warnings.append(about_late_torque(everything, late, lag))
-                search, first = searches[lag], None
-            mended = late > 0.0
+        if late > 0.0:
+            search = earlier(late, None)
+            first = fit_alone(search, clock)
+        curves = curves_of(search)
+        decision = decide(search, clock, curves.by, first)
+        if not doubts and late == 0.0 and (late := late_torque(search, decision)) > 0.0:
+            search = earlier(late, decision.chosen.fit)
             curves = curves_of(search)
-            decision = decide(search, clock, curves.by, first)
-            late, chosen = 0.0 if doubts or mended else late_torque(search, decision), decision.chosen.fit
-            if not late > 0.0:
-                break
+            decision = decide(search, clock, curves.by)
         clock("intervals and curves")
         found = assemble(search, decision, curves, model, warnings, allowed, clock, doubts[0] if doubts else "")
     except np.linalg.LinAlgError as error:

@@ -11,3 +11,8 @@ Numbers = np.ndarray | np.floating
 def rms(values: Values) -> float:
     """Root mean square; 0 of nothing."""
     return float(np.sqrt(np.mean(np.square(values)))) if len(values) else 0.0
+
+
+def runs_of(true: Values) -> Values:
+    """(first, behind the last) of each run of true values, shape (runs, 2), of a mask of shape (samples,)."""
+    return np.flatnonzero(np.diff(true.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ...logs.arrays import Values
+from ...logs.arrays import Values, runs_of
 from .channel import Channel
 from .record import TURNING, Record
 from .tables import TAPS, Guide, Tables
@@ -59,8 +59,7 @@ def surely_moving(record: Record) -> Bool[Values, " samples"]:
     away = record.smoothing or LATE
     found = np.zeros(len(speed), bool)
     for way in (speed > SURE * noise, speed < -SURE * noise):
-        edges = np.flatnonzero(np.diff(way.astype(np.int8), prepend=0, append=0))
-        for first, last in edges.reshape(-1, 2):
+        for first, last in runs_of(way):
             if np.max(np.abs(speed[first:last])) > least:
                 found[first + away : max(last - away, 0)] = True
     return found

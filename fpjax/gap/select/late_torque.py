@@ -40,9 +40,10 @@ def late_beside_numbers(search: Search, first: Alone) -> float:
 
 
 def late_torque(search: Search, decision: Decision) -> float:
-    """The same beside the causes that were chosen: of what they leave it must take more than half.
+    """By how much the torque is recorded later than it acted [s], beside the causes that were chosen; 0 for unsure.
 
-    On a real machine, whose laws nobody knows, it bends some of it. The diagnosis is made again then.
+    A dead time below zero must take more than half of what they leave: on a real machine, whose laws nobody knows, it
+    bends some of it. The diagnosis is made again then.
 
     Args:
         search: of the logs.
@@ -55,6 +56,7 @@ def late_torque(search: Search, decision: Decision) -> float:
 
 
 def _late_by(search: Search) -> Sequence[Mapping[str, float]]:
+    """Start values of a late torque."""
     return LATE_TORQUE.starts(search.setting)
 
 
@@ -86,6 +88,7 @@ def _late(search: Search, exact: Exact, fit: Fit, evidence: float, beside: Seque
 
 
 def _delay(late: Fit) -> float:
+    """How late the torque of a fit is [s]."""
     return -late.candidate.values()[DELAY]
 
 
@@ -111,7 +114,7 @@ def least_missing(searches: Mapping[float, Search], chosen: Fit | None) -> float
 
     Args:
         searches: of the same logs, with the torque as it may have acted.
-        chosen: the causes' fit to the logs as recorded; None before any was looked for.
+        chosen: the causes' fit to the logs as recorded; None before any was chosen.
     """
     starts = [Start((), NOMINAL, {})]
     if chosen is not None:

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..arrays import Values
+from ..arrays import Values, runs_of
 from ..dynamics.derivative import smooth_motion, travel
 from ..log import Log
 from ..noise import rounding_step
@@ -38,7 +38,7 @@ def clipped_counter(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]
     unit = "m" if log.linear else "rad"
     for at, word in at_end:
         passed = np.zeros(len(at), dtype=bool)
-        for first, last in _runs(at):
+        for first, last in runs_of(at):
             passed[first:last] = np.ptp(walked[first:last]) > far
         share = float(np.mean(passed & moving))
         if share > OFTEN:
@@ -49,12 +49,6 @@ def clipped_counter(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]
                 "warn",
                 "inconsistent",
             )
-
-
-def _runs(at: Values) -> list[tuple[int, int]]:
-    """(first row, row after the last) of each stretch where `at` is true."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], at.astype(np.int8), [0]])))
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
 def _agree(walked: Values, position: Values, at_end: Values) -> bool:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ...output.json_object import JsonObject
+from ..arrays import runs_of
 from ..dynamics.nominal import Nominal, acceleration_of, fit_nominal, speed_of
 from ..log import Log, asks_for_a_position
 from ..noise import noise_level, rounding_step, velocity_origin
@@ -185,9 +186,8 @@ def _limit(values: np.ndarray) -> float:
             continue
         # a column at rest at zero is not limited, even where zero is an end of its range
         at = np.abs(values - extreme) < 1e-6 * span
-        runs = np.diff(np.flatnonzero(np.diff(np.concatenate([[0], at.astype(int), [0]]))))[::2]
         # several samples in a row are a limit, a single one is a peak
-        if runs.size and runs.max() >= 5:
+        if np.any(np.diff(runs_of(at)) >= 5):
             share += float(np.mean(at))
     return share if share > SATURATED else 0.0
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Values
+from ..arrays import Values, runs_of
 from ..dynamics.derivative import local_polynomial, smooth_motion
 from ..log import Log
 from ..mending.clock import TIME_UNITS, likely_unit
@@ -182,8 +182,7 @@ def _at_rest(log: Log, columns: dict[str, Values]) -> Values:
     speed, _ = smooth_motion(columns.get("velocity"), columns.get("position"), log.dt)
     still = np.abs(speed[1:]) < RESTING * np.quantile(np.abs(speed), 0.99)
     quiet = (np.diff(columns["torque"]) == 0.0) & still
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], quiet.astype(np.int8), [0]])))
-    for first, last in zip(edges[::2], edges[1::2], strict=True):
+    for first, last in runs_of(quiet):
         quiet[first:last] = last - first >= FEWEST_AT_REST
     return quiet
 

@@ -3,6 +3,7 @@
 import numpy as np
 
 from ...errors import InputError
+from ..arrays import runs_of
 from .clock import LONGEST_FILLED
 
 LARGEST = 1e30  # [SI units]: no torque, speed or angle of a machine is near it
@@ -60,8 +61,7 @@ def unread_rows(columns: dict[str, np.ndarray]) -> np.ndarray | None:
         bad = ~np.isfinite(values)
         if not bad.any():
             continue
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], bad.astype(np.int8), [0]])))
-        begins, ends = edges[::2], edges[1::2]
+        begins, ends = runs_of(bad).T
         long = ends - begins > LONGEST_FILLED
         # what is missing at the ends cannot be interpolated, however short
         long |= (begins == 0) | (ends == values.size)
