@@ -286,9 +286,10 @@ def _check_present(table: RawTable, found: set[str], require: tuple[str, ...], n
         return
     names = list(table.columns) + list(table.text)
     if table.headless:
-        raise InputError(
-            f"{name} has no header, so its columns must be named by their places: {described(table.columns)}."
-        )
+        said = "so its columns must be named by their places"
+        if found:
+            said = f"and none of its columns was named for {' or for '.join(lacking)}"
+        raise InputError(f"{name} has no header, {said}: {described(table.columns)}.")
     if table.unread:
         raise InputError(f"{name} has no column {' and no column '.join(lacking)} of numbers; {table.unread}.")
     sentence = missing_sentence(names, lacking, name)

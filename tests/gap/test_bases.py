@@ -22,3 +22,6 @@ def test_a_further_cause_is_tried_beside_what_does_nearly_as_well_as_the_chosen_
     assert bases_beside(chosen, [chosen, far]) == [chosen]
     # The same causes with other wrong numbers are no others.
     assert bases_beside(chosen, [weighed("stribeck+cogging", 499.0, wide=("inertia",), left=0.2)]) == [chosen]
+    # What is likelier leaves more torque here: the chosen causes may be the more flexible ones.
+    likelier = weighed("cogging+constant_torque", 520.0, left=0.5)
+    assert bases_beside(chosen, [chosen, far, likelier]) == [chosen, likelier]

@@ -1,5 +1,6 @@
 """What stands for something else: a wild friction number for an effect, numbers for a machine that vibrates."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,9 +9,9 @@ import pytest
 from fpjax.gap.answer import judge
 from fpjax.gap.answer.judge import Judged
 from fpjax.gap.effects.parameters import RIPPLE
-from fpjax.gap.fit.candidate import Fit
+from fpjax.gap.fit.candidate import Fit, Start
 from fpjax.gap.select import decision
-from fpjax.gap.select.decision import _plausible
+from fpjax.gap.select.decision import STRIBECK, _plausible, _stribeck_anew
 from fpjax.gap.select.detectability import _drives
 from fpjax.gap.select.statement import Verdict
 from fpjax.gap.select.weighed import Weighed
@@ -26,20 +27,33 @@ def model(effects, evidence, left, numbers=None, given=None):
         effects=tuple(law(name, ("position",) if name == "cogging" else ("velocity",)) for name in effects),
         structural=tuple(effects), wide=frozenset(numbers), values=lambda: GIVEN | (given or {}) | numbers,
     )  # fmt: skip
-    return Weighed(SimpleNamespace(candidate=candidate, evidence=evidence), evidence, evidence, left)
+    fit = SimpleNamespace(candidate=candidate, evidence=evidence)
+    fit.model = Weighed(fit, evidence, evidence, left)
+    return fit.model
 
 
-def replaced(monkeypatch, chosen, found, given=None):
-    """(what is told in place of a chosen model where the models beside it are `found`, what they stood beside)."""
+def replaced(monkeypatch, chosen, found, given=None, anew=()):
+    """(what is told in place of a chosen model where the models beside it are `found`, what they stood beside).
+
+    Beside them are the models `anew`, where a Stribeck friction and the numbers begin anew.
+    """
     monkeypatch.setattr(decision, "nominal_sizes", lambda setting: GIVEN)
     monkeypatch.setattr(decision, "settled", lambda search, exact, weighed: weighed)
-    monkeypatch.setattr(decision, "weigh", lambda search, exact, fits: fits)
-    monkeypatch.setattr(decision, "beside", lambda search, bases, likely: tried.append((bases, likely)) or [1])
+    starts = [SimpleNamespace(effects=w.fit.candidate.effects) for w in found] or [SimpleNamespace(effects=())]
+    monkeypatch.setattr(decision, "weigh", lambda search, exact, models: [getattr(m, "model", m) for m in models])
+    monkeypatch.setattr(decision, "beside", lambda search, bases, likely: tried.append((bases, likely)) or starts)
+    monkeypatch.setattr(
+        decision, "_stribeck_anew",
+        lambda search, start: [start] if any(effect.name == STRIBECK for effect in start.effects) else [],
+    )  # fmt: skip
     monkeypatch.setattr(decision, "resolved", lambda search, fit: "unresolved" not in fit.candidate.structural)
     tried = []
     laws = [law(name) for name in ("quadratic_drag", "stribeck", "unresolved")] + [law("compliance", ())]
     by_direction = law("asymmetric_friction", held=("coulomb", "viscous"))
-    search = SimpleNamespace(setting=None, effects=(*laws, by_direction), explore=lambda starts, keep, white: found)
+    search = SimpleNamespace(
+        setting=None, effects=(*laws, by_direction), explore=lambda starts, keep, white: found,
+        fitted=lambda starts: list(anew),
+    )  # fmt: skip
     exact = SimpleNamespace(fit=model((), 0.0, 1.0, given=given).fit)
     got, beside = _plausible(search, exact, chosen, found)
     assert bool(beside) == (got is not chosen)
@@ -93,13 +107,47 @@ def test_a_factor_stands_for_wild_numbers_where_a_friction_by_load_is_hardly_lik
         assert replaced(monkeypatch, wild, [loaded, gain])[0] is (gain if factor else loaded)
 
 
-@pytest.mark.parametrize(("count", "tried"), [(1, 1), (2, 1), (3, 0)])
-def test_no_more_causes_are_tried_than_there_may_be(monkeypatch, count, tried):
-    chosen = model(("cogging", "stribeck", "ripple")[:count], 1500.0, 0.13, {"viscous": 0.5})
+@pytest.mark.parametrize(
+    ("effects", "tried"),
+    [
+        (("cogging",), 1),
+        (("cogging", "ripple"), 1),
+        (("cogging", "ripple", "stribeck"), 1),  # which is not counted
+        (("cogging", "ripple", "unbalance"), 0),
+    ],
+)
+def test_no_more_causes_are_tried_than_there_may_be(monkeypatch, effects, tried):
+    chosen = model(effects, 1500.0, 0.13, {"viscous": 0.5})
     drag = model((*chosen.structural, "quadratic_drag"), 2100.0, 0.05)
     got, bases = replaced(monkeypatch, chosen, [drag])
     assert bases == [[chosen.structural]] * tried
     assert got is (drag if tried else chosen)
+
+
+def test_a_drag_is_found_where_a_stribeck_curve_stands_for_the_coulomb_friction(monkeypatch):
+    """It falls all along the speeds there, and beside a drag the numbers stay as they are until it begins anew."""
+    wild = model(("stribeck",), 1500.0, 0.06, {"coulomb": 0.0, "viscous": 0.3})
+    stuck = model(("stribeck", "quadratic_drag"), 1600.0, 0.05, {"coulomb": 0.01, "viscous": 0.25})
+    back = model(("stribeck", "quadratic_drag"), 2100.0, 0.04)
+    assert replaced(monkeypatch, wild, [stuck])[0] is wild
+    assert replaced(monkeypatch, wild, [stuck], anew=[back.fit])[0] is back
+    # Without a Stribeck friction nothing begins anew.
+    plain = model(("cogging",), 1500.0, 0.06, {"viscous": 0.3})
+    beside = model(("cogging", "quadratic_drag"), 1600.0, 0.05, {"viscous": 0.25})
+    assert replaced(monkeypatch, plain, [beside], anew=[back.fit])[0] is plain
+
+
+def test_a_start_anew_has_the_numbers_as_given_and_a_stribeck_friction_of_its_own():
+    stribeck = SimpleNamespace(
+        name=STRIBECK, starts=lambda setting: [{"stribeck_torque": 0.1}, {"stribeck_torque": 0.2}]
+    )
+    drag = SimpleNamespace(name="quadratic_drag", starts=lambda setting: [{}])
+    values = {"viscous": 0.3, "stribeck_torque": 5.0, "drag_coefficient": 0.7}
+    start, search = Start((stribeck, drag), ("viscous",), values, None, or_given=True), SimpleNamespace(setting=None)
+    again = _stribeck_anew(search, start)
+    assert [one.values for one in again] == [{"stribeck_torque": t, "drag_coefficient": 0.7} for t in (0.1, 0.2)]
+    assert [(one.effects, one.wide, one.or_given) for one in again] == [(start.effects, ("viscous",), False)] * 2
+    assert _stribeck_anew(search, replace(start, effects=(drag,))) == []
 
 
 def test_missing_torque_may_count_as_far_as_it_moves_the_machine():

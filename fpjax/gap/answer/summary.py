@@ -6,6 +6,8 @@ import math
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
+from ..thresholds import THRESHOLDS
+
 if TYPE_CHECKING:
     from ..effects.estimate import Estimate
     from .answer import Answer
@@ -47,7 +49,28 @@ def verdict_line(diagnosis: Answer) -> str:
             f"Unexplained: on withheld data no gap stands above the noise{beside}; the fitted windows show one, "
             f"and {nothing_closes(diagnosis.allowed)}."
         )
+    if likeliest := unsure(diagnosis, diagnosis.ranking[0].effect if diagnosis.ranking else ""):
+        return f"Unexplained: there is a gap{beside}; {likeliest}."
     return f"Unexplained: there is a gap{beside}, and {nothing_closes(diagnosis.allowed)}."
+
+
+def unsure(diagnosis: Answer, name: str, percent: Callable[[float], str] = "{:.1%}".format) -> str:
+    """A clause on the likeliest cause where nothing is asserted, though it closes a good part of the gap; else "".
+
+    Args:
+        diagnosis: an unexplained one.
+        name: of the first of its ranking.
+        percent: writes a share.
+    """
+    gap = diagnosis.gap
+    if not diagnosis.ranking or not gap.before > gap.noise_floor:
+        return ""
+    closed = (gap.before - max(diagnosis.ranking[0].gap_after, gap.noise_floor)) / (gap.before - gap.noise_floor)
+    if not closed > 1.0 - THRESHOLDS.part:
+        return ""
+    return (
+        f"the likeliest cause, {name}, closes {percent(closed)} of it on withheld data, and this log leaves it unsure"
+    )
 
 
 def dominant_sentence(diagnosis: Answer, percent: Callable[[float], str] = "{:.0%}".format) -> str:

@@ -122,6 +122,8 @@ def wrong_kinds(log: Log) -> set[str]:
 def _looked_at(log: Log, model: Model, numbers: Numbers | None) -> list[Suspicion]:
     """The suspicions about a log; a wrong unit of its time explains a column or a model that seems wrong."""
     found = suspicions(log, numbers)
+    if model.units.torque not in (log.torque_unit, "N m", "N"):
+        found = [one for one in found if one.kind != "counts"]  # the model says what its whole numbers are
     time = _unit_of_time(log, model)
     if not time or any(one.severity == "stop" for one in found):
         return found

@@ -6,7 +6,7 @@ import math
 import re
 from typing import TYPE_CHECKING
 
-from ..answer.summary import CANNOT_BE, MUCH, moving_clause, nothing_closes
+from ..answer.summary import CANNOT_BE, MUCH, moving_clause, nothing_closes, unsure
 from .derived_values import AXES, classes, main_regime, places, shown_gap, tracking, twins_of
 from .digits import readable, show_percent, show_unit, show_with_unit
 from .names import EFFECTS, effect_name, is_wrong_value, join, motion_units, regime_name, sure
@@ -80,6 +80,9 @@ def verdict_sentence(diagnosis: Answer) -> str:
         if share >= MUCH
         else ""
     )
+    first = effect_name(diagnosis.ranking[0].effect, diagnosis.motion) if diagnosis.ranking else ""
+    if likeliest := unsure(diagnosis, first, show_percent):
+        return f"{differs}; {likeliest}.{place}"
     return f"{differs}, and {_nothing_closes(diagnosis, 'this gap')}{rest}.{place}"
 
 

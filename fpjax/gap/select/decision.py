@@ -7,7 +7,7 @@ import numpy as np
 
 from ...logs.arrays import Values
 from ..effects.effect import Effect
-from ..fit.candidate import Fit, Start, nominal_sizes
+from ..fit.candidate import NOMINAL, Fit, Start, nominal_sizes
 from ..fit.search import Search
 from ..thresholds import THRESHOLDS
 from .detectability import blurs, resolved
@@ -29,6 +29,8 @@ from .weighed import (
     whole_gap,
 )  # fmt: skip
 
+STRIBECK = "stribeck"  # that of most bearings: it stands beside as many causes as are told (`_with_stribeck`)
+ANEW = 2  # laws beside wild numbers that are fitted from the beginning too (`_stribeck_anew`)
 LIKELY = 6  # effects that are tried as a third cause: those that did best as a second one
 PAIR_KEEP = (16, 8, 5, 4)  # sets of causes that go on to each stage where causes are added
 
@@ -153,6 +155,11 @@ def decide(
     if gap and plain is not chosen:
         plain, found = _with_stribeck(search, exact, plain, nominal)
         tried += found
+        # What is simpler has numbers of its own, where a friction by direction held them.
+        instead, found = _plausible(search, exact, plain, singles)
+        if instead is not plain:
+            path.append(plain.fit)
+            plain, rivals, tried = instead, found, [*tried, *found]
     chosen = plain
     stage("what each cause takes", 0.0)
     shares = shares_of(search, exact, chosen.fit, [w.fit for w in tried])
@@ -291,13 +298,20 @@ def _plausible(
     Friction that the nominal model has none of stands for itself.
     """
     off = _wild(search, exact, chosen.fit)
-    if not off or len(chosen.structural) >= THRESHOLDS.most_causes:
+    if not off or len(set(chosen.structural) - {STRIBECK}) >= THRESHOLDS.most_causes:
         return chosen, []
     laws = {e.name for e in search.effects if e.name in FACTORS or (e.follows and not off & set(numbers_of(e)))}
     found = [w for w in singles if set(w.structural) <= laws]
     if chosen.structural:
         starts = beside(search, [chosen], sorted(laws))
         found = weigh(search, exact, search.explore(starts, PAIR_KEEP, white=False)) if starts else []
+        anew = [
+            again
+            for start in starts
+            if any(start.effects == w.fit.candidate.effects for w in found[:ANEW])
+            for again in _stribeck_anew(search, start)
+        ]
+        found = weigh(search, exact, [*(w.fit for w in found), *search.fitted(anew)]) if anew else found
     options = []
     for w in found:
         instead = settled(search, exact, w)
@@ -310,6 +324,19 @@ def _plausible(
     return next(one for one in options if one.fit is best), found
 
 
+def _stribeck_anew(search: Search, start: Start) -> list[Start]:
+    """The same start with its Stribeck friction and its numbers at their beginning; none where it has no such friction.
+
+    A Stribeck curve that falls all along the speeds stands for the Coulomb friction, so that its numbers do not come
+    back beside a further law.
+    """
+    values = {name: value for name, value in start.values.items() if name not in NOMINAL}
+    own = [
+        values_of for effect in start.effects if effect.name == STRIBECK for values_of in effect.starts(search.setting)
+    ]
+    return [replace(start, values=values | one, like=None, or_given=False) for one in own]
+
+
 def _with_stribeck(
     search: Search, exact: Exact, chosen: Weighed, nominal: Weighed
 ) -> tuple[Weighed, Sequence[Weighed]]:
@@ -319,7 +346,7 @@ def _with_stribeck(
     the Coulomb and viscous numbers stand for it, 8 % too large and 34 % too small to leave a hundredth of the torque
     more. (A drag beside it followed the form of its law, to their cost.)
     """
-    starts = beside(search, [chosen], ["stribeck"])
+    starts = beside(search, [chosen], [STRIBECK])
     if not starts:
         return chosen, []
     found = weigh(search, exact, search.explore(starts, PAIR_KEEP, white=False))

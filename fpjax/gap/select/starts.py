@@ -85,11 +85,17 @@ def bases_of(singles: Sequence[Weighed]) -> list[Weighed]:
 
 
 def bases_beside(chosen: Weighed, rivals: Sequence[Weighed]) -> list[Weighed]:
-    """The chosen causes, and the likeliest others that do nearly as well: beside them a further cause may decide."""
+    """The chosen causes, and the best others that are nearly worth as much or likelier: a further cause may decide.
+
+    What leaves less torque may be the more flexible of the two (a friction by direction for a constant torque), and
+    beside it what is missing is not seen.
+    """
     known = frozenset(chosen.structural)
     near = [
         w
         for w in rivals
-        if w.structural and frozenset(w.structural) != known and w.behind(chosen) < THRESHOLDS.contested * chosen.gain
+        if w.structural
+        and frozenset(w.structural) != known
+        and (w.behind(chosen) < THRESHOLDS.contested * chosen.gain or w.evidence > chosen.evidence)
     ]
     return [chosen, *near][: THRESHOLDS.bases]

@@ -33,6 +33,8 @@ FEW_LEVELS = 8  # different values: with so few the column is a relay's or a sta
 REPEATED = 0.002  # share of the samples that repeat the one before
 RESTING = 0.05  # of the speed that a hundredth of the rows exceed
 FEWEST_AT_REST = 16  # [samples] of one torque: a reading that is not renewed lasts a few periods
+SURELY = 0.99  # correlation of velocity and position over blocks, from which on their ratio is no matter of noise
+OTHER_SCALE = 0.05  # of that ratio, from 1: gears and encoders are known better
 LATE = 0.02  # of a period: the stamps of drives and buses with clocks of their own jitter by less
 MOST_ROWS = 400_000  # [samples]: a longer log is judged by its middle
 
@@ -76,6 +78,8 @@ def _found(log: Log, model: Expected | None) -> list[Suspicion]:
             found += seen
             if seen:
                 break
+        else:
+            found += _other_scale(log, present)
     return found
 
 
@@ -304,6 +308,20 @@ def _position_against_velocity(log: Log, columns: dict[str, Values]) -> Iterator
             f"velocity is {ratio:.3g} x the rate of change of position: check the units of both.",
             "warn",
             "unit",
+        )
+
+
+def _other_scale(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
+    """A velocity that is a multiple of the position's rate, as an effect of the reading can make it."""
+    velocity, position = columns.get("velocity"), columns.get("position")
+    if velocity is None or position is None:
+        return
+    ratio, together = travelled(velocity, position, log.dt)
+    if together > SURELY and abs(ratio - 1.0) > OTHER_SCALE:
+        yield Suspicion(
+            f"velocity is {ratio:.3g} x the rate of change of position: the scale of one of them is wrong.",
+            "warn",
+            "scale",
         )
 
 

@@ -26,13 +26,24 @@ def numbered(text: str, names: Iterable[str], axis: int | None) -> str | None:
     """The one column that is `text` of this axis: "tau" is "tau.6" of axis 6; None without, or where several are."""
     if axis is None:
         return None
-    fitting = {
-        name
+    fitting = {name for name, number in _of_axes(text, names) if number == axis}
+    return fitting.pop() if len(fitting) == 1 else None
+
+
+def axes_with(text: str, names: Iterable[str]) -> list[int]:
+    """The axes that have a column `text`, in increasing order: 0 and 1 of "tau" for "tau.0" and "tau.1"."""
+    return sorted({number for _, number in _of_axes(text, names)})
+
+
+def _of_axes(text: str, names: Iterable[str]) -> list[tuple[str, int]]:
+    """Each column that is `text` of an axis, with the axis' number."""
+    plain = {each.plain for each in taken_apart(text)[:1]}
+    return [
+        (name, named.axis)
         for name in names
         for named in taken_apart(name)
-        if named.axis == axis and named.plain in {each.plain for each in taken_apart(text)[:1]}
-    }
-    return fitting.pop() if len(fitting) == 1 else None
+        if named.axis is not None and named.plain in plain
+    ]
 
 
 def choose_axis(

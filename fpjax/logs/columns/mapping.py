@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
 from ...errors import InputError
-from .axes import axis_of, choose_axis, choose_owner, has, numbered, of_owner
+from .axes import axes_with, axis_of, choose_axis, choose_owner, has, numbered, of_owner
 from .names import MOTIONS, TORQUES, WEAK, Guess, bracket_unit, guess
 from .units import QUANTITIES, find_unit, parse_unit
 
@@ -214,6 +214,11 @@ def _mapped(
         column = _resolved(head, names, axis)
     if column is None:
         head = head.strip()
+        if axis is not None and (axes := axes_with(head, names)):
+            raise InputError(
+                f"{where} has no column {head[:60]!r} of axis {axis} for {canonical}: it has one for each of the axes "
+                f"{', '.join(map(str, axes[:12]))}."
+            )
         near = difflib.get_close_matches(head[:60], names[:MOST_COMPARED], n=1)
         raise InputError(
             f"{where} has no column {head[:60]!r} for {canonical}: "
@@ -222,6 +227,8 @@ def _mapped(
     if colon and not unit.strip():
         raise InputError(f"--columns {canonical}={text} ends with a colon: write the unit after it, or leave both out.")
     written = bracket_unit(column)[1] or units.get(column)
+    if factor != 1.0 and written is not None and find_unit(written) is None:
+        written = None  # a word in brackets that is no unit: the factor says what the column is in
     source = Source(column, unit.strip() or written, factor)
     scaled = _SCALED.match(unit.strip())
     if scaled and (find_unit(unit) is None):

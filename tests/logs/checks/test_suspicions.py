@@ -133,6 +133,13 @@ def test_a_velocity_of_the_wrong_sign(log):
     assert kinds(dataclasses.replace(log, velocity=-log.velocity)) == [("warn", "sign")]
 
 
+@pytest.mark.parametrize(("scale", "told"), [(0.6, True), (1.12, True), (1.03, False), (1.0, False)])
+def test_a_velocity_of_another_scale_than_the_position_is_told_and_contradicts_nothing(log, scale, told):
+    found = suspicions(dataclasses.replace(log, velocity=scale * log.velocity), None)
+    assert [(one.severity, one.kind) for one in found] == [("warn", "scale")] * told
+    assert all(f"velocity is {scale:.3g} x the rate of change of position" in one.sentence for one in found)
+
+
 @pytest.mark.parametrize("with_position", [True, False])
 def test_torque_and_velocity_swapped(log, with_position):
     bent = dataclasses.replace(log, torque=log.velocity, velocity=log.torque)

@@ -21,6 +21,17 @@ def test_one_of_several_axes_is_taken_and_said(columns):
         read_log(data, columns="axis=7")
 
 
+def test_a_mapped_column_of_an_axis_that_is_not_there_is_answered_with_those_that_are(columns):
+    data = {"t": columns["time"], "q": columns["position"]}
+    data |= {f"tau.{axis}": columns["torque"] + axis for axis in range(3)}
+    spec = "time=t,position=q,torque=tau,axis="
+    assert read_log(data, columns=f"{spec}2").torque[0] == columns["torque"][0] + 2
+    with pytest.raises(
+        InputError, match="no column 'tau' of axis 3 for torque: it has one for each of the axes 0, 1, 2"
+    ):
+        read_log(data, columns=f"{spec}3")
+
+
 def test_an_axis_that_stands_still_is_not_taken(columns):
     data = {"timestamp": columns["time"]}
     for axis in range(3):

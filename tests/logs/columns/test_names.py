@@ -220,6 +220,14 @@ def test_scales_that_say_too_little_are_refused(columns, spec, sentence):
         read_log(data, columns=spec)
 
 
+def test_a_factor_makes_up_for_a_header_whose_brackets_hold_no_unit(columns):
+    data = {"step (8Hz)": 125.0 * columns["time"], "torque": columns["torque"], "velocity": columns["velocity"]}
+    log = read_log(data, columns="time=step (8Hz)*0.008")
+    np.testing.assert_allclose(log.time, columns["time"], atol=1e-12)
+    with pytest.raises(InputError, match="Unit '8Hz' of column time is not known"):
+        read_log(data, columns="time=step (8Hz)")
+
+
 def test_a_unit_in_the_header_holds_for_a_mapped_column_too(columns):
     data = {"time": columns["time"], "velocity": columns["velocity"], "M (mNm)": 1e3 * columns["torque"]}
     for spec in ("torque=M (mNm)", "torque=M", "torque=M (mNm):mNm"):

@@ -272,6 +272,9 @@ def test_without_a_header_columns_are_named_by_their_places(tmp_path, columns, l
     np.testing.assert_allclose(log.velocity, columns["velocity"], atol=1e-9)
     with pytest.raises(InputError, match=r"named by their places: .*--columns time=1.* 1 from 0 to 0\.199, "):
         read_log(path)
+    # What was named is not asked for again.
+    with pytest.raises(InputError, match="and none of its columns was named for velocity or position: "):
+        read_log(path, columns="time=1,torque=2")
 
 
 @pytest.mark.parametrize("suffix", [".t", ".out", ""])
