@@ -30,9 +30,9 @@ from .weighed import (
 )  # fmt: skip
 
 STRIBECK = "stribeck"  # that of most bearings: it stands beside as many causes as are told (`_with_stribeck`)
-ANEW = 2  # laws beside wild numbers that are fitted from the beginning too (`_stribeck_anew`)
 LIKELY = 6  # effects that are tried as a third cause: those that did best as a second one
 PAIR_KEEP = (16, 8, 5, 4)  # sets of causes that go on to each stage where causes are added
+LAW_KEEP = (8, 4, 2, 2)  # likewise, where a law is tried in the place of a wild number
 
 
 @dataclass(frozen=True)
@@ -304,13 +304,9 @@ def _plausible(
     found = [w for w in singles if set(w.structural) <= laws]
     if chosen.structural:
         starts = beside(search, [chosen], sorted(laws))
-        found = weigh(search, exact, search.explore(starts, PAIR_KEEP, white=False)) if starts else []
-        anew = [
-            again
-            for start in starts
-            if any(start.effects == w.fit.candidate.effects for w in found[:ANEW])
-            for again in _stribeck_anew(search, start)
-        ]
+        found = weigh(search, exact, search.explore(starts, LAW_KEEP, white=False)) if starts else []
+        likeliest = [start for start in starts if found and start.effects == found[0].fit.candidate.effects]
+        anew = [again for start in likeliest for again in _stribeck_anew(search, start)]
         found = weigh(search, exact, [*(w.fit for w in found), *search.fitted(anew)]) if anew else found
     options = []
     for w in found:
