@@ -42,6 +42,14 @@ def test_verdicts_have_fitting_sentences():
     hidden = dataclasses.replace(told["unexplained"].gap, before=0.0)
     unseen = sentences.verdict_sentence(dataclasses.replace(told["unexplained"], gap=hidden))
     assert unseen.startswith("On withheld data no missing force stands above the noise floor of ")
+    likeliest = dataclasses.replace(told["unexplained"].ranking[0], gap_after=0.6 * told["unexplained"].gap.before)
+    unsure = dataclasses.replace(told["unexplained"], ranking=(likeliest, *told["unexplained"].ranking[1:]))
+    for sentence, name in (
+        (sentences.verdict_sentence(unsure), names.effect_name(likeliest.effect, unsure.motion)),
+        (verdict_line(unsure), likeliest.effect),
+    ):
+        assert f"the likeliest cause, {name}, closes 4" in sentence
+        assert "no effect" not in sentence
     assert sentences.confidence_sentence(told["explained"]).replace("\u202f", " ") == "Very likely (96 %)."
     assert all(sentence.count(".\n") == 0 and sentence.endswith(".") for sentence in found.values())
     one_open = dataclasses.replace(told["pair_with_twins"], causes=("constant_torque", "backlash"))
