@@ -17,6 +17,7 @@ from jaxtyping import Array, PyTree
 from fpjax.blocks.parameters import get_parameter, set_parameters
 from fpjax.blocks.references import AbstractReference
 from fpjax.errors import InputError
+from fpjax.simulation.histories import with_histories
 from fpjax.simulation.loop import ClosedLoop
 from fpjax.simulation.scan import Inputs, Stepper, Stepping, astype, loop_dtype, make_inputs, make_stepper, roll
 from fpjax.simulation.solvers import AbstractPlantSolver
@@ -113,6 +114,10 @@ def make_problem(
         raise InputError(
             f"plants gives arrays of shapes {sorted(sizes)}: give each parameter one value for every plant."
         )
+    if stepping == "sampled":
+        # the candidates and the plants are traced: the largest of their delays counts
+        largest = {name: float(np.max(values, initial=0.0)) for name, values in varied.items()}
+        loop = with_histories(loop, float(dt), largest | dict(zip(names, space.highest().tolist(), strict=True)))
     for name in varied:
         get_parameter(loop, name)
         if name in names:
