@@ -332,6 +332,31 @@ CASCADE = changed('type = "pi"\nkp = 150.0\nki = 200.0', 'type = "position_casca
 POSITION = '[units]\nreference = "position"\n'
 
 
+@pytest.mark.parametrize(
+    ("numerator", "name", "value", "written"),
+    [
+        ([0.5, 5.0], "through", 0.25, ([0.5, 5.0], [2.0, 0.3])),
+        ([0.5, 5.0], "through", 10.0, ([10.0, 10.0 * 0.15 + 2.4625], [1.0, 0.15])),
+        ([3.0], "output", [4.0], ([0.0, 4.0], [1.0, 0.15])),
+    ],
+)
+def test_a_changed_transfer_function_is_written_as_the_loop_holds_it(numerator, name, value, written):
+    text = (
+        f'[plant]\ntype = "one_mass"\ninertia = 0.02\n[friction]\ntype = "none"\n[controller]\ntype = "transfer_function"\n'
+        f"numerator = {numerator}\ndenominator = [2.0, 0.3]\n[simulation]\ndt = 1e-3\n"
+    )
+    model = fp.load_model(text)
+    changed = dataclasses.replace(model, loop=fp.set_parameters(model.loop, {f"controller.{name}": value}))
+    again = fp.load_model(fp.dump_model(changed))
+    table = again.sections["controller"]
+    for key, coefficients in zip(("numerator", "denominator"), written, strict=True):
+        np.testing.assert_allclose(table[key], coefficients, rtol=1e-12)
+    for leaf in ("transition", "output", "through", "sampled_transition"):
+        np.testing.assert_allclose(getattr(again.loop.controller, leaf), getattr(changed.loop.controller, leaf))
+    with pytest.raises(fp.InputError, match="sampled matrices are not those of its transition"):
+        fp.dump_model(dataclasses.replace(model, loop=fp.set_parameters(model.loop, {"controller.drive": [7.0]})))
+
+
 def test_a_feedforward_of_a_position_cascade_is_written_and_read_again():
     model = fp.load_model(POSITION + CASCADE)
     controller = model.loop.controller
