@@ -20,7 +20,7 @@ from .common import (
     say,
     table,
 )
-from .numbers import real, whole
+from .numbers import real, seed
 
 if TYPE_CHECKING:
     from ..model_file import Model
@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_log_options(parser)
     parser.add_argument("--set", metavar="NAME=NUMBER", action="append", default=[], help="change a parameter")
     parser.add_argument("--duration", type=real, metavar="S", help="length of the run, instead of the model's [s]")
-    parser.add_argument("--seed", type=whole, default=0, help="of the sensor's noise (default 0)")
+    parser.add_argument("--seed", type=seed, default=0, help="of the sensor's noise (default 0)")
     parser.add_argument(
         "--margins", action="store_true", help="also linearise: gain, phase, delay, modulus margin, Bode, step response"
     )
