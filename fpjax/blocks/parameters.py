@@ -68,6 +68,11 @@ def set_parameters(tree: PyTree, values: Mapping[str, PyTree]) -> PyTree:
     Raises:
         InputError: for an unknown name (the message gives the nearest one), a wrong shape, or an invalid value.
     """
+    if not isinstance(values, Mapping):
+        raise InputError(
+            f"set_parameters got {type(values).__name__} {str(values)[:40]!r} as its values: give them by name, as "
+            '{"plant.inertia": 12.0}.'
+        )
     names = tuple(values)
     old = get_parameters(tree, names)
     new = [_cast(name, values[name], old[name]) for name in names]

@@ -93,6 +93,8 @@ def linearise(
         raise InputError(f'stepping = {stepping!r} is not known: choose "continuous" or "sampled".')
     if not dt > 0.0:
         raise InputError(f"dt must be positive, got {dt:g} s; 1e-3 s is usual for a drive.")
+    if substeps < 1:
+        raise InputError(f"substeps = {substeps} must be at least 1.")
     with double_precision():
         loop, at = astype((loop, at), jnp.float64)
         return _linearised(loop, at, dt, stepping, get_solver(solver), substeps, reference)

@@ -20,6 +20,7 @@ from ..output.drawable import Drawable
 from ..output.json_object import JsonObject
 from ..output.run_picture import About
 from .histories import with_histories, with_history
+from .input_checks import check_frequency
 from .loop import ClosedLoop, LoopState
 from .metrics import AbstractMeasure
 from .scan import Stepper, Stepping, make_inputs, make_stepper, roll
@@ -184,6 +185,7 @@ def simulate(
     names = (record,) if isinstance(record, str) else tuple(record)
     _check_memory(stepper.samples, len(names))
     if not isinstance(dt, Tracer):
+        check_frequency(reference, float(dt), ("The reference's", "dt"))
         if stepping == "sampled":
             _check_periods(loop, float(dt))
             loop = with_histories(loop, float(dt))
