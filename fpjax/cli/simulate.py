@@ -77,15 +77,19 @@ def open_model(path: str, changes: list[str], record: RunFile) -> "Model":
     from .. import set_parameters
     from ..model_file import load_model
     from ..model_file.admissible import check_changes
+    from ..model_file.bounds import loop_names
     from ..model_file.reading import about_proportions
 
     model = load_model(record.read(path, "model"))
     for note in model.notes:
         say(record, note)
     if changes:
-        pairs = read_pairs(changes, "--set")
+        pairs = loop_names(model.loop, read_pairs(changes, "--set"))
         model = dataclasses.replace(model, loop=set_parameters(model.loop, pairs))
-        changed = [*check_changes(model.loop, pairs, model.units.name), *about_proportions(model)]
+        changed = [
+            *check_changes(model.loop, pairs, model.units.name),
+            *about_proportions(model),
+        ]
         for note in changed:
             if note not in model.notes:
                 say(record, note)
