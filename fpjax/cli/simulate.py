@@ -77,7 +77,7 @@ def open_model(path: str, changes: list[str], record: RunFile) -> "Model":
     from .. import set_parameters
     from ..model_file import load_model
     from ..model_file.admissible import check_changes
-    from ..model_file.bounds import loop_names
+    from ..model_file.bounds import beliefs_kept, loop_names
     from ..model_file.reading import about_proportions
 
     model = load_model(record.read(path, "model"))
@@ -85,8 +85,10 @@ def open_model(path: str, changes: list[str], record: RunFile) -> "Model":
         say(record, note)
     if changes:
         pairs = loop_names(model.loop, read_pairs(changes, "--set"))
+        before = model
         model = dataclasses.replace(model, loop=set_parameters(model.loop, pairs))
         changed = [
+            *beliefs_kept(before, model, pairs),
             *check_changes(model.loop, pairs, model.units.name),
             *about_proportions(model),
         ]

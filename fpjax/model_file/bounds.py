@@ -2,15 +2,21 @@
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from ..blocks.controllers import Limited, PositionLoop, ProportionalIntegral
 from ..blocks.feedforward import AbstractFeedforward
-from ..blocks.parameters import parameter_names
+from ..blocks.parameters import get_parameter, parameter_names
 from ..errors import InputError
 from ..output.json_object import JsonObject, TomlTable
 from ..simulation.loop import ClosedLoop
 from .keys import Units, nearest
+from .observer import known_to_observer
+
+if TYPE_CHECKING:
+    from .model import Model
 
 SECTION = "bounds"
 _NOT_TUNED = ("limit", "tracking_time", "lag", "coefficients")
@@ -69,6 +75,32 @@ def loop_names(loop: ClosedLoop, values: Mapping[str, float]) -> dict[str, float
             raise InputError(f"{found[name]} and {word} are one number, {name}: give one of them.")
         found[name] = word
     return {name: values[word] for name, word in found.items()}
+
+
+def beliefs_kept(before: "Model", after: "Model", changed: Mapping[str, float]) -> list[str]:
+    """A note for every number of the plant that was changed by name while the observer keeps the old one.
+
+    An observer's inertia, Coulomb and viscous friction that its section does not write are taken from the plant when
+    the file is read, and are numbers of their own from then on, so that a plant can differ from what is believed of it.
+
+    Args:
+        before: as read.
+        after: with the changes.
+        changed: values by name in the loop.
+    """
+    words, written = file_names(after.loop), before.sections.get("observer", {})
+    old, new = known_to_observer(before.loop.plant), known_to_observer(after.loop.plant)
+    said = []
+    for key, unit in (("inertia", "kg m^2"), ("coulomb", "N m"), ("viscous", "N m s/rad")):
+        name = words.get(f"observer.{key}")
+        if name is None or name in changed or key in written or old[key] == new[key]:
+            continue
+        own = float(np.asarray(get_parameter(after.loop, name)))
+        said.append(
+            f"the observer keeps its own {key}, {own:g} {after.units.name(unit)}, as if only the machine were "
+            f"another; add --set observer.{key}={new[key]:g} for an observer that knows it, as in an edited file."
+        )
+    return said
 
 
 def read_bounds(table: Any, loop: ClosedLoop, units: Units) -> dict[str, tuple[float, float]]:

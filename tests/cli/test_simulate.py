@@ -124,6 +124,16 @@ def test_a_name_that_is_not_known_is_told_no_other_blocks_number(servo, capsys):
     assert "..." not in refuse(capsys, "simulate", servo, "--set", "sensor.nothing=1", match="Known: sensor.")
 
 
+def test_an_observer_that_keeps_its_own_inertia_is_told(servo, capsys):
+    assert run("simulate", servo, "--set", "plant.inertia=20") == 0
+    kept = "the observer keeps its own inertia, 10 kg m^2"
+    error = capsys.readouterr().err
+    assert kept in error
+    assert "--set observer.inertia=20" in error
+    assert run("simulate", servo, "--set", "plant.inertia=20", "--set", "observer.inertia=20") == 0
+    assert kept not in capsys.readouterr().err
+
+
 def test_a_replay_of_the_models_own_log_is_exact(servo, log, tmp_path, capsys):
     out = tmp_path / "again"
     assert run("simulate", servo, "--log", log, "--out", out) == 0
