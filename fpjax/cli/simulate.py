@@ -58,14 +58,29 @@ def run(arguments: argparse.Namespace) -> int:
     """Simulate or replay."""
     with running_jax(arguments) as record:
         model = open_model(arguments.model, arguments.set, record)
-        if arguments.log and arguments.margins:
-            raise InputError("--margins needs a simulation: run it without --log.")
+        _check_together(arguments)
         if arguments.log:
             _replay(model, arguments, record)
         else:
             _simulate(model, arguments, record)
         finish(record)
     return 0
+
+
+def _check_together(arguments: argparse.Namespace) -> None:
+    """Refuse options that would have no effect, as they belong to a replay or to a simulation only."""
+    if arguments.log and arguments.margins:
+        raise InputError("--margins needs a simulation: run it without --log.")
+    if arguments.log and arguments.duration is not None:
+        raise InputError("--duration has no effect with --log, whose rows are replayed: give --from and --to instead.")
+    of_log = {
+        "--from-rest": arguments.from_rest, "--columns": arguments.columns, "--rate": arguments.rate,
+        "--from": arguments.start is not None, "--to": arguments.stop is not None, "--every": arguments.every != 1,
+        "--strict": arguments.strict,
+    }  # fmt: skip
+    for option, given in of_log.items():
+        if given and not arguments.log:
+            raise InputError(f"{option} is about a log, but none is given: add --log LOG, or leave {option} out.")
 
 
 def open_model(path: str, changes: list[str], record: RunFile) -> "Model":
