@@ -101,7 +101,7 @@ def simulate(
                 samples=samples,
                 solver=solver or model.solver,
                 stepping=stepping or model.stepping,
-                substeps=substeps or model.substeps,
+                substeps=model.substeps if substeps is None else substeps,
                 measures=measures,
                 record=_names(blocks) if record is None else record,
                 initial=initial,
@@ -122,7 +122,7 @@ def simulate(
         samples=samples,
         solver=solver or "rk4",
         stepping=stepping or "continuous",
-        substeps=substeps or 1,
+        substeps=1 if substeps is None else substeps,
         measures=measures,
         record=record or (),
         initial=initial,
@@ -221,13 +221,14 @@ def linearise(
             raise InputError("linearise needs dt, the control period [s]: give dt=1e-3, or a model, which has its own.")
         return linearise_loop(
             checked_loop(loop, "linearise"), at, dt=dt, stepping=stepping or "sampled", solver=solver or "rk4",
-            substeps=substeps or 1, reference=reference,
+            substeps=1 if substeps is None else substeps, reference=reference,
         )  # fmt: skip
     model.needed_controller()
     with double_precision():
         return linearise_loop(
             astype(model.loop, jnp.float64), at, dt=model.dt if dt is None else dt, stepping=stepping or model.stepping,
-            solver=solver or model.solver, substeps=substeps or model.substeps, reference=reference,
+            solver=solver or model.solver,
+            substeps=model.substeps if substeps is None else substeps, reference=reference,
         )  # fmt: skip
 
 

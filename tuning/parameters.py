@@ -110,6 +110,12 @@ class Space(eqx.Module):
         """Values of shape (..., n) clipped to the bounds that the caller gave, on the host."""
         return np.clip(values, np.asarray(self.low, float), np.asarray(self.high, float))
 
+    def highest(self) -> np.ndarray:
+        """The largest values within the bounds, the default ones too, in their units, shape (n,)."""
+        top = np.asarray(self.middle, float) + np.asarray(self.half, float)
+        log = np.asarray(self.logarithmic) > 0
+        return np.where(log, np.exp(np.where(log, top, 0.0)), top)
+
     def linear_below(self, values: np.ndarray) -> "Space":
         """The same bounds; coordinates of log parameters are linear below these values and logarithmic above.
 

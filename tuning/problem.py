@@ -17,6 +17,8 @@ from jaxtyping import Array, PyTree
 from fpjax.blocks.parameters import get_parameter, set_parameters
 from fpjax.blocks.references import AbstractReference
 from fpjax.errors import InputError
+from fpjax.simulation.histories import with_histories
+from fpjax.simulation.input_checks import check_frequency
 from fpjax.simulation.loop import ClosedLoop
 from fpjax.simulation.scan import Inputs, Stepper, Stepping, astype, loop_dtype, make_inputs, make_stepper, roll
 from fpjax.simulation.solvers import AbstractPlantSolver
@@ -113,8 +115,16 @@ def make_problem(
         raise InputError(
             f"plants gives arrays of shapes {sorted(sizes)}: give each parameter one value for every plant."
         )
-    for name in varied:
+    if stepping == "sampled":
+        # the candidates and the plants are traced: the largest of their delays counts
+        largest = {name: float(np.max(values, initial=0.0)) for name, values in varied.items()}
+        loop = with_histories(loop, float(dt), largest | dict(zip(names, space.highest().tolist(), strict=True)))
+    for name, values in varied.items():
         get_parameter(loop, name)
+        if values.ndim != 1 or not values.size:
+            raise InputError(
+                f"plants gives {name} values of shape {values.shape}: give a list with one number for each plant."
+            )
         if name in names:
             raise InputError(f"{name} is both tuned and varied over the plants: leave it out of one of them.")
     # Every plant is checked before anything is compiled: a truth of zero, or a step too long for the lightest inertia.
@@ -122,6 +132,8 @@ def make_problem(
         judged = set_parameters(loop, {name: values[index] for name, values in varied.items()})
         chosen.check(judged)
         warn_if_stiff(judged, dt / (substeps if stepping == "sampled" else 1), stepper.solver)
+    for reference in listed:
+        check_frequency(reference, float(dt), ("The reference's", "dt"))
     # Once, outside the scan: a sine computed in every step takes 19 times as long (docs/performance.md).
     tables = [make_inputs(loop, reference, stepper) for reference in listed]
     channels = loop.sensor.noise_channels

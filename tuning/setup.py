@@ -67,7 +67,7 @@ class Setup:
             duration=model.needed_duration() if self.duration is None and self.samples is None else self.duration,
             solver=self.solver or model.solver,
             stepping=self.stepping or model.stepping,
-            substeps=self.substeps or model.substeps,
+            substeps=model.substeps if self.substeps is None else self.substeps,
         )
 
     def stepper(self) -> Stepper:
@@ -79,7 +79,7 @@ class Setup:
         """As keyword arguments of `make_problem`; an unset solver, stepping or substeps gets its default."""
         said = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         usual = {"solver": "rk4", "stepping": "continuous", "substeps": 1}
-        return said | {name: said[name] or value for name, value in usual.items()}
+        return said | {name: value for name, value in usual.items() if said[name] is None}
 
 
 def with_keywords(setup: Setup | None, words: TomlTable) -> Setup:

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 
+from fpjax.errors import InputError
 from fpjax.output.progress import Stages
 from fpjax.output.work_done import WorkDone
 
@@ -27,12 +28,22 @@ class Stop:
     expected: int = 1
 
     def before(self, best: Best, needed: int) -> np.ndarray:
-        """Which lanes end before an iteration of `needed` simulations, shape (lanes,); the reasons go into `best`."""
+        """Which lanes end before an iteration of `needed` simulations, shape (lanes,); the reasons go into `best`.
+
+        Raises:
+            InputError: for a budget that ends before the first iteration: nothing would be known of the start.
+        """
         over = np.zeros(best.costs.shape, bool)
         for lane, cost in enumerate(best.costs):
             if cost <= self.target and self.target > 0.0:
                 over[lane], best.reasons[lane] = True, f"reached the target {self.target:g}"
             elif self.budget is not None and best.simulations[lane] + needed > self.budget:
+                if best.iterations[lane] == 0:
+                    raise InputError(
+                        f"max_simulations = {self.budget} ends before the first iteration, which needs "
+                        f"{best.simulations[lane] + needed} simulations of each start: give at least as many, or None "
+                        f"(no --max-simulations) for no limit."
+                    )
                 over[lane], best.reasons[lane] = True, f"used its budget of {self.budget} simulations"
         return over
 

@@ -70,7 +70,8 @@ def tune(
             range on a linear one.
         seed: of the drawn starts.
         target: stop once the cost is at most this [1].
-        max_simulations: most simulations of each start, tangents counted; None for no limit.
+        max_simulations: most simulations of each start, tangents counted, at least those of one iteration; None for no
+            limit.
         progress: show a bar with an ETA on stderr, where that is a terminal.
         **words: fields of `Setup` (dt, duration, samples, objective, solver, stepping, substeps, plants, noise_seeds,
             aggregate), in place of those of `setup`.

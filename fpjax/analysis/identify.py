@@ -21,6 +21,7 @@ from ..blocks.references import AbstractReference
 from ..compiled.programs import jit_by
 from ..errors import InputError
 from ..output.json_object import JsonObject, TomlTable
+from ..simulation.histories import with_histories, with_history
 from ..simulation.loop import ClosedLoop, LoopState
 from ..simulation.scan import Inputs, Stepper, Stepping, loop_dtype, make_inputs, make_stepper, roll
 from ..simulation.solvers import AbstractPlantSolver
@@ -120,6 +121,9 @@ def identify(
     table = _measured(measured)
     samples = len(next(iter(table.values())))
     sigma = _sigma(table, noise)
+    if stepping == "sampled":
+        tree["loop"] = with_histories(loop, float(dt), dict(zip(names, high.tolist(), strict=True)))
+        initial = None if initial is None else with_history(initial, tree["loop"])
     stepper = make_stepper(
         dt=dt, samples=samples, solver=solver, stepping=stepping, substeps=substeps, checkpoint="none"
     )

@@ -75,7 +75,8 @@ class Actuator(AbstractActuator):
         cogging_amplitude: A of A sin(n position + phase) [N m].
         cogging_periods: n [1/rev].
         cogging_phase: [rad].
-        longest_delay: whole periods of history kept (static); the delay must stay below it.
+        longest_delay: whole periods of history kept (static). A run keeps more where its delay needs more; a
+            traced delay (under `jax.grad` or `jax.vmap`) must stay below it.
     """
 
     gain: Array | None = eqx.field(converter=as_optional, default=None)

@@ -119,6 +119,16 @@ def require_not_negative(owner: object, name: str, unit: str) -> None:
         )
 
 
+def require_finite(owner: object, name: str) -> None:
+    """Raise `InputError` unless the concrete field `name` of `owner` is finite."""
+    value = _concrete(getattr(owner, name))
+    if value is not None and not np.all(np.isfinite(value)):
+        count = f"{np.sum(~np.isfinite(value))} of {value.size} numbers are not: fill what is missing"
+        raise InputError(
+            f"{type(owner).__name__}: {name} must be finite, {count if value.ndim else f'got {value:g}; check it'}."
+        )
+
+
 def require_below(owner: object, name: str, limit: float) -> None:
     """Raise `InputError` unless the concrete field `name` of `owner` is below `limit` [1]."""
     value = _concrete(getattr(owner, name))

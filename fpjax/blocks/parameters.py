@@ -17,6 +17,8 @@ from jaxtyping import Array, PyTree
 
 from ..errors import InputError
 
+MOST_NAMED = 350  # [characters] of names in a message
+
 
 def parameter_names(tree: PyTree) -> tuple[str, ...]:
     """Dotted names of all floating-point leaves of `tree`, in order; fields that are None or static have no name."""
@@ -68,6 +70,11 @@ def set_parameters(tree: PyTree, values: Mapping[str, PyTree]) -> PyTree:
     Raises:
         InputError: for an unknown name (the message gives the nearest one), a wrong shape, or an invalid value.
     """
+    if not isinstance(values, Mapping):
+        raise InputError(
+            f"set_parameters got {type(values).__name__} {str(values)[:40]!r} as its values: give them by name, as "
+            '{"plant.inertia": 12.0}.'
+        )
     names = tuple(values)
     old = get_parameters(tree, names)
     new = [_cast(name, values[name], old[name]) for name in names]
@@ -149,10 +156,22 @@ def _unknown(tree: PyTree, name: str) -> str:
     if absent:
         return (
             f"parameter {name!r} is not a number in this loop (it is absent or a whole block): build the block with a "
-            f"value for it first, or choose among {', '.join(known)}."
+            f"value for it first, or choose among {_some_of(known, parent)}."
         )
-    # Users remember the last word of a name: it is looked for anywhere, before whole names are compared.
-    near = [each for each in known if each.rpartition(".")[2] == last]
-    near = near or difflib.get_close_matches(name, known, n=1, cutoff=0.0)
+    # Users remember the last words of a name: they are looked for anywhere. Else the last word alone is compared, in
+    # the same block only: a feed-forward's coulomb is no friction of the plant.
+    near = [each for each in known if f".{each}".endswith(f".{name}")]
+    block = [each for each in known if not parent or each.startswith(f"{parent.partition('.')[0]}.")]
+    by_word = {each.rpartition(".")[2]: each for each in reversed(block)}
+    near = near or [by_word[word] for word in difflib.get_close_matches(last, by_word, n=1)]
     hint = f"did you mean {near[0]!r}? " if near else ""
-    return f"parameter {name!r} is not known: {hint}Known: {', '.join(known) or 'none'}."
+    return f"parameter {name!r} is not known: {hint}Known: {_some_of(known, parent)}."
+
+
+def _some_of(known: tuple[str, ...], parent: str) -> str:
+    """The names for a message, those of the same block first, as many as a message holds."""
+    section = parent.partition(".")[0]
+    names = sorted(known, key=lambda name: not name.startswith(f"{section}."))
+    shown = [name for place, name in enumerate(names) if sum(map(len, names[: place + 1])) + 2 * place <= MOST_NAMED]
+    more = len(names) - len(shown)
+    return (", ".join(shown) + (f" and {more} others" if more else "")) or "none"

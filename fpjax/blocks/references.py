@@ -1,5 +1,6 @@
 """References: what the loop must follow, as functions of time."""
 
+import dataclasses
 from abc import abstractmethod
 
 import equinox as eqx
@@ -9,11 +10,15 @@ from jaxtyping import Array
 
 from ..compiled.elementary import sin
 from ..errors import InputError
-from .block import Block, as_parameter, require_positive
+from .block import Block, as_parameter, require_finite, require_positive
 
 
 class AbstractReference(Block):
     """r(t) [rad/s], or [rad] for a position loop."""
+
+    def __check_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            require_finite(self, field.name)
 
     @abstractmethod
     def readout(self, time: Array) -> Array:
@@ -170,7 +175,15 @@ class Recorded(AbstractReference):
         require_positive(self, "interval", "s")
 
     def readout(self, time: Array) -> Array:
-        """The recorded value at time [s]; the first and the last value continue outside."""
+        """The recorded value at time [s]; the first and the last value continue outside.
+
+        Raises:
+            InputError: for values of another shape than (samples,), or none at all.
+        """
+        if self.values.ndim != 1 or not self.values.size:  # here, as a batch of records may be made for a vmap
+            raise InputError(
+                f"Recorded: values have the shape {self.values.shape}: give one number for each sample, at least one."
+            )
         place = jnp.clip(time / self.interval, 0.0, self.values.shape[-1] - 1.0)
         # A sample instant computed as k * dt may fall a rounding error short of sample k, which would hold the sample
         # before: a thousandth of an interval is added.

@@ -45,7 +45,8 @@ class ServoSensor(AbstractSensor):
         step_size: rate is rounded to it [rad/s]; neutral 0.
         position_noise: [rad].
         position_step: [rad]; neutral 0.
-        longest_delay: whole periods of history kept (static); the delay must stay below it.
+        longest_delay: whole periods of history kept (static). A run keeps more where its delay needs more; a
+            traced delay (under `jax.grad` or `jax.vmap`) must stay below it.
     """
 
     noise_channels: ClassVar[int] = 2

@@ -91,8 +91,15 @@ def main(argv: list[str] | None = None) -> int:
         # jax and matplotlib hold a million objects that are never garbage: with the default thresholds the collector
         # would walk them again and again.
         gc.set_threshold(50_000, 20, 20)
-    with _terminable(), reader_may_leave():
-        code = _run(words)
+    with _terminable(), reader_may_leave() as output:
+        try:
+            code = _run(words)
+        except SystemExit:  # argparse's, after --help or a mistyped option
+            if _lost(output):
+                raise SystemExit(2) from None
+            raise
+        if _lost(output):
+            code = code or 2
     if own_process and code >= INTERRUPTED:
         os._exit(code)  # a regular exit would wait for a compilation that runs on another thread
     return code
@@ -168,6 +175,14 @@ def _fail(name: str | None, sentence: str, code: int) -> int:
     sys.stdout.flush()
     print(f"fpjax {name}: {sentence}" if name else f"fpjax: {sentence}", file=sys.stderr)
     return code
+
+
+def _lost(output: Any) -> bool:
+    """Whether what was printed could not be written, which is then said."""
+    output.flush()
+    if output.lost:
+        _fail(None, f"standard output could not be written ({output.lost}): free space there, or print elsewhere.", 2)
+    return bool(output.lost)
 
 
 def _show_warning(message: Any, category: Any, *_: Any, **__: Any) -> None:

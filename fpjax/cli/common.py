@@ -249,11 +249,13 @@ def read_pairs(words: Sequence[str], option: str) -> dict[str, float]:
     """{"plant.inertia": 12.0} from ["plant.inertia=12"].
 
     Raises:
-        InputError: for a word that is not NAME=NUMBER.
+        InputError: for a word that is not NAME=NUMBER, or a name that is given twice.
     """
-    values = {}
+    values: dict[str, float] = {}
     for word in words:
         name, equals, number = word.partition("=")
+        if name.strip() in values:
+            raise InputError(f"{option} {name.strip()} is given twice: give it once.")
         try:
             values[name.strip()] = real(number)
         except ValueError:

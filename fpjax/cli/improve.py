@@ -25,7 +25,7 @@ from .common import (
     running_jax,
     say,
 )
-from .numbers import whole
+from .numbers import seed
 from .simulate import open_model
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--reference", choices=("log", "model"), default="log", help="reference to judge the gains on (default log)"
     )
-    parser.add_argument("--seed", type=whole, default=0, help="of the drawn machines and of the search (default 0)")
+    parser.add_argument("--seed", type=seed, default=0, help="of the drawn machines and of the search (default 0)")
     parser.add_argument("--no-report", action="store_true", help="improve.json and tuned.toml only")
     add_log_options(parser)
     add_out(parser, required=True)

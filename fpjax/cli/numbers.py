@@ -1,8 +1,10 @@
 """Numbers on the command line, more strictly than Python, which takes 1_0 for 10, digits of other scripts and inf."""
 
+import argparse
 import math
 import re
 
+LARGEST_SEED = 2**63 - 1
 _REAL = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _WHOLE = re.compile(r"[+-]?\d+", re.ASCII)
 
@@ -27,6 +29,21 @@ def whole(text: str) -> int:
     if not _WHOLE.fullmatch(text.strip()):
         raise ValueError(f"{text!r} is not a whole number")
     return int(text)
+
+
+def seed(text: str) -> int:
+    """The seed of random numbers: a whole number that fits into 63 bits, as every generator takes them.
+
+    Raises:
+        ArgumentTypeError: for anything else.
+    """
+    try:
+        number = whole(text)
+    except ValueError:
+        number = -1
+    if not 0 <= number <= LARGEST_SEED:
+        raise argparse.ArgumentTypeError(f"a seed is a whole number from 0 to {LARGEST_SEED}, got {text!r}")
+    return number
 
 
 # argparse uses these names in its message "invalid number value: '1_0'".

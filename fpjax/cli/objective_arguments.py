@@ -71,8 +71,13 @@ def cost_settings(
         "tracking": lambda: Tracking(start=arguments.after, position=model.units.reference == "position"),
         "thesis": Thesis,
     }[chosen]()
+    if chosen == "thesis" and arguments.after:
+        raise InputError("--after has no effect on the thesis objective, which counts the final error: leave it out.")
     plants = dict(map(_plants, arguments.plants))
-    spread = {name: values[0] for name, values in map(_plants, arguments.spread)}
+    spread = dict(map(_share, arguments.spread))
+    for option, words, found in (("--plants", arguments.plants, plants), ("--spread", arguments.spread, spread)):
+        if len(found) < len(words):
+            raise InputError(f"{option} gives one name twice: give each name once.")
     if plants and spread:
         raise InputError("--plants and --spread both give the true plants: give one of them.")
     if len({len(values) for values in plants.values()}) > 1:
@@ -98,6 +103,16 @@ def cost_settings(
         "aggregate": "worst" if arguments.worst else "mean",
     }
     return model, references_of(model, arguments.references, duration), settings
+
+
+def _share(word: str) -> tuple[str, float]:
+    name, values = _plants(word)
+    if len(values) > 1:
+        raise InputError(
+            f"--spread {word} has {len(values)} shares: give one, as --spread {name}={values[0]:g}, or the values "
+            "themselves with --plants."
+        )
+    return name, values[0]
 
 
 def _plants(word: str) -> tuple[str, list[float]]:

@@ -8,7 +8,7 @@ from ..output.progress import Stages
 from ..output.runfile import write_json
 from .command_line import INTERRUPTED
 from .common import add_log_options, add_out, finish, read_measured, running_jax, say, started
-from .numbers import real, whole
+from .numbers import real, seed
 from .simulate import open_model
 
 EXAMPLES = """\
@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="processor time of the search, after compiling (default 20)",
     )
-    parser.add_argument("--seed", type=whole, default=0, help="of the random motions tried first (default 0)")
+    parser.add_argument("--seed", type=seed, default=0, help="of the random motions tried first (default 0)")
     parser.add_argument("--no-plots", action="store_true", help="no picture")
     add_log_options(parser)
     add_out(parser, required=True)

@@ -20,7 +20,7 @@ from .common import (
     say,
     table,
 )
-from .numbers import real, whole
+from .numbers import real, seed
 
 if TYPE_CHECKING:
     from ..model_file import Model
@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_log_options(parser)
     parser.add_argument("--set", metavar="NAME=NUMBER", action="append", default=[], help="change a parameter")
     parser.add_argument("--duration", type=real, metavar="S", help="length of the run, instead of the model's [s]")
-    parser.add_argument("--seed", type=whole, default=0, help="of the sensor's noise (default 0)")
+    parser.add_argument("--seed", type=seed, default=0, help="of the sensor's noise (default 0)")
     parser.add_argument(
         "--margins", action="store_true", help="also linearise: gain, phase, delay, modulus margin, Bode, step response"
     )
@@ -58,14 +58,29 @@ def run(arguments: argparse.Namespace) -> int:
     """Simulate or replay."""
     with running_jax(arguments) as record:
         model = open_model(arguments.model, arguments.set, record)
-        if arguments.log and arguments.margins:
-            raise InputError("--margins needs a simulation: run it without --log.")
+        _check_together(arguments)
         if arguments.log:
             _replay(model, arguments, record)
         else:
             _simulate(model, arguments, record)
         finish(record)
     return 0
+
+
+def _check_together(arguments: argparse.Namespace) -> None:
+    """Refuse options that would have no effect, as they belong to a replay or to a simulation only."""
+    if arguments.log and arguments.margins:
+        raise InputError("--margins needs a simulation: run it without --log.")
+    if arguments.log and arguments.duration is not None:
+        raise InputError("--duration has no effect with --log, whose rows are replayed: give --from and --to instead.")
+    of_log = {
+        "--from-rest": arguments.from_rest, "--columns": arguments.columns, "--rate": arguments.rate,
+        "--from": arguments.start is not None, "--to": arguments.stop is not None, "--every": arguments.every != 1,
+        "--strict": arguments.strict,
+    }  # fmt: skip
+    for option, given in of_log.items():
+        if given and not arguments.log:
+            raise InputError(f"{option} is about a log, but none is given: add --log LOG, or leave {option} out.")
 
 
 def open_model(path: str, changes: list[str], record: RunFile) -> "Model":
@@ -77,15 +92,21 @@ def open_model(path: str, changes: list[str], record: RunFile) -> "Model":
     from .. import set_parameters
     from ..model_file import load_model
     from ..model_file.admissible import check_changes
+    from ..model_file.bounds import beliefs_kept, loop_names
     from ..model_file.reading import about_proportions
 
     model = load_model(record.read(path, "model"))
     for note in model.notes:
         say(record, note)
     if changes:
-        pairs = read_pairs(changes, "--set")
+        pairs = loop_names(model.loop, read_pairs(changes, "--set"))
+        before = model
         model = dataclasses.replace(model, loop=set_parameters(model.loop, pairs))
-        changed = [*check_changes(model.loop, pairs, model.units.name), *about_proportions(model)]
+        changed = [
+            *beliefs_kept(before, model, pairs),
+            *check_changes(model.loop, pairs, model.units.name),
+            *about_proportions(model),
+        ]
         for note in changed:
             if note not in model.notes:
                 say(record, note)

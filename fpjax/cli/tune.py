@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from ..errors import InputError
 from ..output.runfile import RunFile, write_json, write_whole
 from .common import add_out, busy, finish, interruptible, running_jax, say, table
-from .numbers import real, whole
+from .numbers import real, seed, whole
 from .objective_arguments import add_cost_arguments, cost_settings
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--starts", type=whole, metavar="N",
         help="number of starts (default: the model's gains, and up to four from a screening around pole placement)",
     )  # fmt: skip
-    parser.add_argument("--seed", type=whole, default=0, help="of the random starts (default 0)")
+    parser.add_argument("--seed", type=seed, default=0, help="of the random starts (default 0)")
     parser.add_argument("--max-simulations", type=whole, metavar="N", help="largest number of simulations per start")
     parser.add_argument("--no-plots", action="store_true", help="no pictures")
     add_out(parser)

@@ -15,6 +15,7 @@ from ..blocks.references import AbstractReference, Constant, Recorded
 from ..blocks.sensors import AbstractSensor
 from ..blocks.signals import Motion
 from ..errors import InputError
+from ..simulation.histories import with_histories, with_history
 from ..simulation.loop import ClosedLoop, LoopState
 from ..simulation.precision import double_precision
 from ..simulation.run import simulate
@@ -92,6 +93,8 @@ def linearise(
         raise InputError(f'stepping = {stepping!r} is not known: choose "continuous" or "sampled".')
     if not dt > 0.0:
         raise InputError(f"dt must be positive, got {dt:g} s; 1e-3 s is usual for a drive.")
+    if substeps < 1:
+        raise InputError(f"substeps = {substeps} must be at least 1.")
     with double_precision():
         loop, at = astype((loop, at), jnp.float64)
         return _linearised(loop, at, dt, stepping, get_solver(solver), substeps, reference)
@@ -103,6 +106,8 @@ def _linearised(
 ) -> LinearLoop:  # fmt: skip
     """The linearised loop of one in double precision; arguments as of `linearise`."""
     loop = eqx.tree_at(lambda each: each.sensor, loop, _unrounded(loop.sensor))
+    if stepping == "sampled":
+        loop = with_histories(loop, dt)
     position = loop.controller.follows_position
     if isinstance(at, int | float):
         if not np.isfinite(at):
@@ -112,7 +117,7 @@ def _linearised(
     else:
         if reference is None:
             raise InputError("A state needs its reference too: give reference= [rad/s] (or [rad] for a position loop).")
-        state, value = at, float(reference)
+        state, value = with_history(at, loop), float(reference)
         output = loop.plant.readout(state.plant, jnp.zeros(()), jnp.zeros(()))
         speed = float(output.velocity)
     if stepping == "sampled":

@@ -25,9 +25,10 @@ from ..blocks.friction import AbstractFriction, AbstractStaticFriction
 from ..blocks.friction.bristles import Bristles
 from ..blocks.friction.general import GeneralFriction
 from ..blocks.learned import LearnedTorque
-from ..blocks.references import AbstractReference, Chirp, Multisine, Sine, Square, Triangle
+from ..blocks.references import AbstractReference
 from ..blocks.signals import Motion
 from ..errors import InputError
+from ..simulation.input_checks import check_frequency
 from ..simulation.loop import ClosedLoop
 
 UnitName = Callable[[str], str]
@@ -76,7 +77,6 @@ BY_KEY = {
     ("reference", "phase"): _PHASE,
     ("reference", "phases"): _PHASE,
 }
-NYQUIST = 0.5  # share of the sample rate from which on a sampled sine is aliased to a lower frequency
 FOLLOWED = 0.1  # share of the sample rate at which a hold delays a sine by 18 degrees (half a period of the samples)
 
 
@@ -281,29 +281,13 @@ def check_reference(reference: AbstractReference | None, dt: float) -> list[str]
     Raises:
         InputError: for a frequency at or above half the sample rate.
     """
-    fastest = _fastest(reference)
-    if fastest * dt >= NYQUIST:
-        raise InputError(
-            f"[reference] {fastest:g} Hz cannot be followed at [simulation] dt = {dt:g} s: a sampled signal must stay "
-            f"below {NYQUIST / dt:g} Hz; lower the frequency, or write a smaller dt."
-        )
+    fastest = 0.0 if reference is None else check_frequency(reference, dt, ("[reference]", "[simulation] dt"))
     if fastest * dt > FOLLOWED:
         return [
             f"[reference] {fastest:g} Hz has {1.0 / (fastest * dt):.3g} samples per period at dt = {dt:g} s: with "
             f"fewer than {1.0 / FOLLOWED:g} the reference is coarse."
         ]
     return []
-
-
-def _fastest(reference: AbstractReference | None) -> float:
-    """The highest frequency of the reference [Hz]; 0 where it has none as a parameter."""
-    if isinstance(reference, Sine | Triangle | Square):
-        return abs(float(reference.frequency))
-    if isinstance(reference, Chirp):
-        return max(abs(float(reference.start_frequency)), abs(float(reference.end_frequency)))
-    if isinstance(reference, Multisine):
-        return float(np.max(np.abs(np.asarray(reference.frequencies))))
-    return 0.0
 
 
 def _number(block: Any, name: str) -> float | None:

@@ -1,6 +1,5 @@
 """[plant], [transmission], [load], [actuator] and [sensor] <-> their blocks."""
 
-import math
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from ..blocks.sensors import AbstractSensor, Encoder, Gyro, IdealSensor, KalmanF
 from ..blocks.servo_sensor import ServoSensor
 from ..errors import InputError
 from ..output.json_object import JsonObject, TomlTable
+from ..simulation.histories import periods_of
 from .block_types import Form, form_for, form_of, number, numbers, pick
 from .keys import Key, Units, check_keys, choose, read_number, read_values
 
@@ -232,21 +232,7 @@ def build_actuator(table: TomlTable | None, units: Units, dt: float) -> Abstract
     values = read_values("actuator", table, ACTUATOR, units)
     if (values["cogging_amplitude"] is None) != (values["cogging_periods"] is None):
         raise InputError("[actuator] cogging needs both cogging_amplitude and cogging_periods: write both.")
-    return Actuator(**values, longest_delay=periods_of(values["delay"], dt, 8, "actuator"))
-
-
-def periods_of(delay: float | None, dt: float, least: int, section: str) -> int:
-    """Whole periods of history that a delay needs, `least` at least.
-
-    Raises:
-        InputError: for a delay of over 1000 periods.
-    """
-    periods = math.ceil((delay or 0.0) / dt) + 1
-    if periods > 1000:
-        raise InputError(
-            f"[{section}] delay = {delay:g} s is {periods - 1} periods of dt = {dt:g} s: check its unit (s)."
-        )
-    return max(least, periods)
+    return Actuator(**values, longest_delay=periods_of(values["delay"], dt, 8, "[actuator] delay"))
 
 
 def describe_actuator(actuator: AbstractActuator) -> JsonObject:
@@ -288,7 +274,7 @@ def build_sensor(table: TomlTable | None, units: Units, dt: float) -> AbstractSe
         raise InputError("[sensor] has both side and load_side: write one of them.")
     share = read_number("sensor", _LOAD_SIDE, own.get("load_side", 1.0 if side == "load" else 0.0), units)
     delay = read_values("sensor", own, _SERVO, units)["delay"]
-    longest = periods_of(delay, dt, 16, "sensor")
+    longest = periods_of(delay, dt, 16, "[sensor] delay")
     return _of(ServoSensor, own, _SERVO, units, load_side=share, longest_delay=longest)
 
 

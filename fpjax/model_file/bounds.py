@@ -2,15 +2,21 @@
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from ..blocks.controllers import Limited, PositionLoop
+import numpy as np
+
+from ..blocks.controllers import Limited, PositionLoop, ProportionalIntegral
 from ..blocks.feedforward import AbstractFeedforward
-from ..blocks.parameters import parameter_names
+from ..blocks.parameters import get_parameter, parameter_names
 from ..errors import InputError
 from ..output.json_object import JsonObject, TomlTable
 from ..simulation.loop import ClosedLoop
 from .keys import Units, nearest
+from .observer import known_to_observer
+
+if TYPE_CHECKING:
+    from .model import Model
 
 SECTION = "bounds"
 _NOT_TUNED = ("limit", "tracking_time", "lag", "coefficients")
@@ -19,32 +25,82 @@ Bounds = Mapping[str, tuple[float, float]]
 
 
 def gain_names(loop: ClosedLoop) -> dict[str, str]:
+    """Names in the loop of the numbers that may be tuned, by their names in the file: no limit, no time constant."""
+    return {word: name for word, name in file_names(loop).items() if word.rpartition(".")[2] not in _NOT_TUNED}
+
+
+def file_names(loop: ClosedLoop) -> dict[str, str]:
     """Names in the loop by names in the file: {"controller.kp": "controller.controller.kp"} within a feed-forward.
 
-    Only numbers that may be tuned: no limit, no anti-windup time constant.
+    Of the controller, the feed-forward and the observer.
     """
     names, found = parameter_names(loop), {}
     controller, path = loop.controller, "controller"
     if isinstance(controller, AbstractFeedforward):
-        for key in ("velocity", "inertia", "coulomb", "viscous", "speed"):
+        for key in ("velocity", "inertia", "coulomb", "viscous", "speed", "lag"):
             found[f"feedforward.{key}"] = f"{path}.{key}"
         controller, path = controller.controller, f"{path}.controller"
-    while isinstance(controller, Limited):
-        controller, path = controller.controller, f"{path}.controller"
     own = {}
+    while isinstance(controller, Limited):
+        own = {"controller.limit": f"{path}.limit"} | own
+        controller, path = controller.controller, f"{path}.controller"
     if isinstance(controller, PositionLoop):
         own["controller.kp"] = f"{path}.kp"
         controller, path = controller.velocity_controller, f"{path}.velocity_controller"
         own |= {"controller.kv": f"{path}.kp", "controller.ki": f"{path}.ki"}
     else:
-        own = {f"controller.{key}": f"{path}.{key}" for key in ("kp", "ki", "gain", "zero", "pole")}
+        own |= {f"controller.{key}": f"{path}.{key}" for key in ("kp", "ki", "gain", "zero", "pole")}
+    if isinstance(controller, ProportionalIntegral):
+        own |= {f"controller.{key}": f"{path}.{key}" for key in ("limit", "tracking_time")}
     found |= own
     # An observer's gains may sit deeper in the loop (in its nonlinearity, or in a wrapped observer); the file knows
     # the last word.
     for name in names:
         if name.startswith("observer."):
             found[f"observer.{name.rpartition('.')[2]}"] = name
-    return {word: name for word, name in found.items() if name in names and word.rpartition(".")[2] not in _NOT_TUNED}
+    return {word: name for word, name in found.items() if name in names}
+
+
+def loop_names(loop: ClosedLoop, values: Mapping[str, float]) -> dict[str, float]:
+    """Values by name in the loop, from values by name in the loop or in the file ("feedforward.coulomb").
+
+    Raises:
+        InputError: for two names of one number.
+    """
+    known, words = set(parameter_names(loop)), file_names(loop)
+    found: dict[str, str] = {}
+    for word in values:
+        name = word if word in known else words.get(word, word)
+        if name in found:
+            raise InputError(f"{found[name]} and {word} are one number, {name}: give one of them.")
+        found[name] = word
+    return {name: values[word] for name, word in found.items()}
+
+
+def beliefs_kept(before: "Model", after: "Model", changed: Mapping[str, float]) -> list[str]:
+    """A note for every number of the plant that was changed by name while the observer keeps the old one.
+
+    An observer's inertia, Coulomb and viscous friction that its section does not write are taken from the plant when
+    the file is read, and are numbers of their own from then on, so that a plant can differ from what is believed of it.
+
+    Args:
+        before: as read.
+        after: with the changes.
+        changed: values by name in the loop.
+    """
+    words, written = file_names(after.loop), before.sections.get("observer", {})
+    old, new = known_to_observer(before.loop.plant), known_to_observer(after.loop.plant)
+    said = []
+    for key, unit in (("inertia", "kg m^2"), ("coulomb", "N m"), ("viscous", "N m s/rad")):
+        name = words.get(f"observer.{key}")
+        if name is None or name in changed or key in written or old[key] == new[key]:
+            continue
+        own = float(np.asarray(get_parameter(after.loop, name)))
+        said.append(
+            f"the observer keeps its own {key}, {own:g} {after.units.name(unit)}, as if only the machine were "
+            f"another; add --set observer.{key}={new[key]:g} for an observer that knows it, as in an edited file."
+        )
+    return said
 
 
 def read_bounds(table: Any, loop: ClosedLoop, units: Units) -> dict[str, tuple[float, float]]:

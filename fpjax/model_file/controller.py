@@ -1,5 +1,8 @@
 """[controller] and [feedforward] <-> their blocks."""
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 
 from ..blocks.controllers import (
@@ -14,6 +17,7 @@ from ..blocks.controllers import (
 from ..blocks.feedforward import AbstractFeedforward, Feedforward, PositionFeedforward
 from ..errors import InputError
 from ..output.json_object import JsonObject, TomlTable
+from ..simulation.precision import double_precision
 from .block_types import Form, form_for, form_of, number, numbers, pick
 from .keys import Key, Units, check_keys, read_values
 
@@ -99,18 +103,50 @@ def describe_controller(controller: AbstractController | None, written: TomlTabl
 
 
 def _polynomials(controller: TransferFunction, written: TomlTable) -> dict[str, list[float]]:
-    # The file's own coefficients where it has them: those computed back from the state space differ in the last digits.
+    # The file's own coefficients where the loop still has them: those computed back from the state space differ in the
+    # last digits.
     if written.get("type") == "transfer_function":
-        return {name: [float(each) for each in written[name]] for name in ("numerator", "denominator")}
-    from scipy import signal
-
+        own = {name: [float(each) for each in written[name]] for name in ("numerator", "denominator")}
+        if _is_built_of(controller, own):
+            return own
     if controller.drive.shape[-1] == 0:
         return {"numerator": [float(controller.through)], "denominator": [1.0]}
+    from scipy import signal
+
     a, b, c, d = (
-        np.asarray(each) for each in (controller.transition, controller.drive, controller.output, controller.through)
+        np.asarray(each, float)
+        for each in (controller.transition, controller.drive, controller.output, controller.through)
     )
     numerator, denominator = (np.asarray(each) for each in signal.ss2tf(a, b[:, None], c[None, :], d.reshape(1, 1)))
+    if np.array_equal(b, np.eye(len(b))[0]) and np.array_equal(a[1:], np.eye(len(b))[:-1]):
+        # the form in which the block is built holds the coefficients themselves
+        numerator, denominator = np.append(d, c - d * a[0])[None, :], np.append(1.0, -a[0])
+    if controller.period is not None:
+        made: Any = signal.cont2discrete((a, b[:, None], c[None, :], d), controller.period, method="zoh")
+        transition, drive = np.asarray(made[0]), np.asarray(made[1])
+        held = (controller.sampled_transition, transition), (controller.sampled_drive, drive[:, 0])
+        if not all(np.allclose(np.asarray(own, float), each, 1e-4, 1e-6 * np.max(np.abs(each))) for own, each in held):
+            raise InputError(
+                "servo.toml cannot hold a transfer function whose sampled matrices are not those of its transition "
+                "and drive: build it anew, as TransferFunction(numerator, denominator, period=dt)."
+            )
     return {"numerator": numerator[0].tolist(), "denominator": denominator.tolist()}
+
+
+def _is_built_of(controller: TransferFunction, polynomials: Mapping[str, list[float]]) -> bool:
+    with double_precision():
+        built = TransferFunction(**polynomials, period=controller.period)
+    for name in ("transition", "drive", "output", "through", "sampled_transition", "sampled_drive"):
+        own, same = getattr(controller, name), getattr(built, name)
+        if own is None or same is None:
+            if own is not same:
+                return False
+            continue
+        own, same = np.asarray(own), np.asarray(same)
+        # a loop read in single precision, and perhaps converted since, holds the rounded numbers
+        if not any(np.array_equal(own, same.astype(kind).astype(own.dtype)) for kind in (own.dtype, np.float32)):
+            return False
+    return True
 
 
 # ------------------------------------------------------------------------------------------- feed-forward

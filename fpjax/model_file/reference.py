@@ -82,8 +82,16 @@ def _recorded(table: TomlTable, folder: pathlib.Path | None, linear: bool) -> Re
     return Recorded(log.reference, log.dt, hold)
 
 
-def describe_reference(reference: AbstractReference | None, written: TomlTable) -> JsonObject:
-    """The [reference] section; empty without a reference."""
+def describe_reference(
+    reference: AbstractReference | None, written: TomlTable, folder: pathlib.Path | None = None
+) -> JsonObject:
+    """The [reference] section; empty without a reference.
+
+    Args:
+        reference: the block; None without one.
+        written: the section it was read from, for what the block does not keep (the file of a recorded one).
+        folder: what a relative `file` was relative to: the section that is returned may go to another one.
+    """
     if reference is None:
         return {}
     if isinstance(reference, Recorded):
@@ -92,5 +100,8 @@ def describe_reference(reference: AbstractReference | None, written: TomlTable) 
                 "A recorded reference made in Python has no file: save it as a log, and write [reference] "
                 'type = "recorded" with file = "LOG.csv".'
             )
-        return dict(written)
+        path = pathlib.Path(written["file"]).expanduser()
+        if folder is None or path.is_absolute():
+            return dict(written)
+        return {**written, "file": str((folder / path).resolve())}
     return form_for(reference, REFERENCES, "reference").describe(reference)

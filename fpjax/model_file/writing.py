@@ -19,6 +19,8 @@ from .reference import describe_reference
 def dump_model(model: Model, *, comments: Mapping[tuple[str, str], str] | None = None) -> str:
     """A model as servo.toml text; `load_model` of it gives the same numbers to the last bit.
 
+    The log of a recorded reference is named by its absolute path, so that the text may be saved in any folder.
+
     Args:
         model: the model, its loop perhaps replaced (`dataclasses.replace(model, loop=...)`).
         comments: by (section, key), a comment after the value.
@@ -36,6 +38,7 @@ def describe_model(model: Model) -> JsonObject:
         InputError: for a block that the file cannot hold.
     """
     loop, written = model.loop, model.sections
+    folder = None if model.path is None else model.path.parent
     loads, offset = body.describe_load(loop.plant.load)
     friction = describe_friction(loop.plant.friction)
     if offset:
@@ -62,7 +65,7 @@ def describe_model(model: Model) -> JsonObject:
         "controller": describe_controller(controller, written.get("controller", {})),
         "feedforward": describe_feedforward(controller),
         "observer": describe_observer(loop.observer),
-        "reference": describe_reference(model.reference, written.get("reference", {})),
+        "reference": describe_reference(model.reference, written.get("reference", {}), folder),
         "simulation": simulation,
         "bounds": describe_bounds(model.bounds),
         "limits": dict(model.limits),

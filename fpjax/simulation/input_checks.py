@@ -3,6 +3,9 @@
 from typing import Any
 
 import equinox as eqx
+import jax
+import numpy as np
+from jax.core import Tracer
 
 from ..blocks.actuators import AbstractActuator
 from ..blocks.block import with_arrays
@@ -54,6 +57,38 @@ def checked_reference(reference: Any) -> AbstractReference:
         hint = "fp.Constant(...)" if isinstance(reference, int | float) else "fp.Sine(amplitude=1.0, frequency=1.0)"
         raise InputError(f"The reference is {shown(reference)}: give one of the blocks, for instance {hint}.")
     return with_arrays(reference)
+
+
+NYQUIST = 0.5  # share of the sample rate from which on a sampled sine is aliased to a lower frequency
+
+
+def check_frequency(reference: AbstractReference, dt: float, words: tuple[str, str]) -> float:
+    """The highest frequency of a reference [Hz], below half the sample rate; 0 where it is traced or has none.
+
+    Args:
+        reference: of the loop.
+        dt: step, or control period when sampled [s].
+        words: what the reference and the step are called, for the message.
+
+    Raises:
+        InputError: for a frequency at or above half the sample rate.
+    """
+    frequency = max((_highest(getattr(reference, name, None)) for name in FREQUENCIES), default=0.0)
+    if frequency * dt >= NYQUIST:
+        raise InputError(
+            f"{words[0]} {frequency:g} Hz cannot be followed at {words[1]} = {dt:g} s: a sampled signal must stay "
+            f"below {NYQUIST / dt:g} Hz; lower the frequency, or write a smaller dt."
+        )
+    return frequency
+
+
+# The fields of the package's references that hold frequencies [Hz].
+FREQUENCIES = ("frequency", "start_frequency", "end_frequency", "frequencies")
+
+
+def _highest(values: Any) -> float:
+    concrete = isinstance(values, jax.Array | np.ndarray) and not isinstance(values, Tracer)
+    return float(np.max(np.abs(np.asarray(values)), initial=0.0)) if concrete else 0.0
 
 
 def shown(value: Any) -> str:

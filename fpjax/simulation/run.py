@@ -19,6 +19,8 @@ from ..errors import DivergedError, InputError
 from ..output.drawable import Drawable
 from ..output.json_object import JsonObject
 from ..output.run_picture import About
+from .histories import with_histories, with_history
+from .input_checks import check_frequency
 from .loop import ClosedLoop, LoopState
 from .metrics import AbstractMeasure
 from .scan import Stepper, Stepping, make_inputs, make_stepper, roll
@@ -183,8 +185,11 @@ def simulate(
     names = (record,) if isinstance(record, str) else tuple(record)
     _check_memory(stepper.samples, len(names))
     if not isinstance(dt, Tracer):
+        check_frequency(reference, float(dt), ("The reference's", "dt"))
         if stepping == "sampled":
             _check_periods(loop, float(dt))
+            loop = with_histories(loop, float(dt))
+            initial = None if initial is None else with_history(initial, loop)
         warn_if_stiff(loop, float(dt) / (substeps if stepping == "sampled" else 1), stepper.solver)
     run = _run(loop, reference, stepper, measures or {}, names, initial, key)
     if throw and run.diverged:

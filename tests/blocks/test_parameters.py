@@ -53,6 +53,8 @@ def test_under_jit_vmap_and_grad(loop):
     [
         ("observer.gain1", "observer.gain_1"),
         ("gain_2", "observer.gain_2"),
+        ("friction.coulomb", "did you mean 'plant.friction.coulomb'"),
+        ("feedforward.coulomb", "is not known: Known: "),
         ("observer.steepness", "absent"),
         ("plant", "whole block"),
         ("nonsense", "is not known: .*Known: "),

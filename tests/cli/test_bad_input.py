@@ -81,6 +81,17 @@ def test_a_period_that_is_not_the_models(servo, log, capsys):
     refuse(capsys, "simulate", servo, "--log", log, match="[simulation] dt = 0.002 s: write dt = 0.001")
 
 
+def test_options_without_effect_are_refused(servo, log, capsys):
+    refuse(capsys, "simulate", servo, "--log", log, "--duration", 0.1, match="--duration has no effect with --log")
+    for words in (["--from", 0.1], ["--from-rest"], ["--strict"], ["--every", 2]):
+        refuse(capsys, "simulate", servo, *words, match=f"{words[0]} is about a log, but none is given")
+    refuse(capsys, "tune", servo, "--spread", "plant.inertia=0.2,0.5", match="has 2 shares: give one")
+    twice = ["--spread", "plant.inertia=0.2", "--spread", "plant.inertia=0.3"]
+    refuse(capsys, "tune", servo, *twice, match="--spread gives one name twice")
+    refuse(capsys, "tune", servo, "--objective", "thesis", "--after", 0.1, match="--after has no effect on the thesis")
+    refuse(capsys, "simulate", servo, *["--set", "plant.inertia=9"] * 2, match="--set plant.inertia is given twice")
+
+
 def test_a_run_that_no_memory_holds_is_refused_before_it_begins(servo, capsys):
     refuse(capsys, "simulate", servo, "--duration", "1e12", match="record")
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import pathlib
 import re
 import subprocess
 import sys
@@ -49,6 +50,27 @@ def test_a_reader_that_has_enough_stops_no_file(log, tmp_path):
     assert process.wait(timeout=120) == 0
     assert sorted(each.name for each in out.iterdir()) == ["inspection.json", "run.json", "servo.toml"]
     assert json.loads((out / "run.json").read_text())["status"] == "completed"
+
+
+@pytest.mark.skipif(not pathlib.Path("/dev/full").exists(), reason="no full device on this system")
+@pytest.mark.parametrize("help_only", [True, False])
+def test_an_output_that_cannot_be_written_is_one_sentence_and_the_files_are_whole(servo, tmp_path, help_only):
+    words = ["simulate", "--help"] if help_only else ["simulate", servo, "--no-plots", "--out", tmp_path / "out"]
+    with open("/dev/full", "w") as full:
+        process = shell(*words, stdout=full)
+    error = process.stderr.read()
+    assert process.wait(timeout=120) == 2
+    (said,) = [line for line in error.splitlines() if not line.startswith("note:")]
+    assert said.startswith("fpjax: standard output could not be written (No space left on device)")
+    assert help_only or json.loads((tmp_path / "out" / "run.json").read_text())["status"] == "completed"
+
+
+def test_a_seed_that_no_generator_takes_is_refused_by_every_command(servo, log, tmp_path, capsys):
+    words = {"simulate": [servo], "tune": [servo], "plan": [servo, "--out", tmp_path / "next"]}
+    words["improve"] = [log, "--model", servo, "--out", tmp_path / "better"]
+    for command, rest in words.items():
+        for number in (2**63, -1):
+            refuse(capsys, command, *rest, "--seed", number, match=f"from 0 to 9223372036854775807, got '{number}'")
 
 
 def test_help_that_nobody_reads_is_no_error():

@@ -99,6 +99,41 @@ def test_set_and_duration_change_the_run(servo, tmp_path, capsys):
     refuse(capsys, "simulate", servo, "--duration", "-1", match="got -1 s")
 
 
+def test_set_takes_the_words_of_the_file(servo, tmp_path, capsys):
+    forward = "[feedforward]\ninertia = 10.0\ncoulomb = 1.0\nspeed = 0.02\n[reference]"
+    servo.write_text(servo.read_text().replace("[reference]", forward))
+    changes = {"feedforward.coulomb": 0.5, "feedforward.lag": 0.01, "controller.kp": 200.0}
+    words = [word for name, value in changes.items() for word in ("--set", f"{name}={value}")]
+    assert run("simulate", servo, *words, "--no-plots", "--out", tmp_path / "set") == 0
+    model = servo.read_text().replace("coulomb = 1.0\nspeed", "coulomb = 0.5\nlag = 0.01\nspeed")
+    servo.write_text(model.replace("kp = 150.0", "kp = 200.0"))
+    assert run("simulate", servo, "--no-plots", "--out", tmp_path / "file") == 0
+    capsys.readouterr()
+    same = [(tmp_path / name / "simulation.csv").read_bytes() for name in ("set", "file")]
+    assert same[0] == same[1]
+    twice = ["--set", "controller.kp=1", "--set", "controller.controller.kp=2"]
+    refuse(capsys, "simulate", servo, *twice, match="are one number, controller.controller.kp: give one of them")
+    refuse(capsys, "simulate", servo, *words[:2], *words[:2], match="--set feedforward.coulomb is given twice")
+
+
+def test_a_name_that_is_not_known_is_told_no_other_blocks_number(servo, capsys):
+    refuse(capsys, "simulate", servo, "--set", "feedforward.coulomb=1", match="is not known: Known: plant.")
+    servo.write_text(
+        servo.read_text() + "[actuator]\ncogging_amplitude = 1.0\ncogging_periods = 7.0\n[sensor]\nbias = 0.0\n"
+    )
+    assert "..." not in refuse(capsys, "simulate", servo, "--set", "sensor.nothing=1", match="Known: sensor.")
+
+
+def test_an_observer_that_keeps_its_own_inertia_is_told(servo, capsys):
+    assert run("simulate", servo, "--set", "plant.inertia=20") == 0
+    kept = "the observer keeps its own inertia, 10 kg m^2"
+    error = capsys.readouterr().err
+    assert kept in error
+    assert "--set observer.inertia=20" in error
+    assert run("simulate", servo, "--set", "plant.inertia=20", "--set", "observer.inertia=20") == 0
+    assert kept not in capsys.readouterr().err
+
+
 def test_a_replay_of_the_models_own_log_is_exact(servo, log, tmp_path, capsys):
     out = tmp_path / "again"
     assert run("simulate", servo, "--log", log, "--out", out) == 0

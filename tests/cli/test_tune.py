@@ -117,6 +117,14 @@ def test_tune_by_two_methods_writes_a_model_that_runs_better(servo, tmp_path, ca
     assert (out / "tune.png").stat().st_size > 10_000
 
 
+@pytest.mark.parametrize(("method", "least"), [("levenberg_marquardt", 3), ("grid", 4), ("nelder_mead", 1)])
+def test_a_budget_below_one_iteration_is_no_divergence(servo, capsys, method, least):
+    words = ["tune", servo, "--method", method, "--max-simulations"]
+    for budget in (0, least - 1):
+        match = f"max_simulations = {budget} ends before the first iteration, which needs {least} simulations"
+        refuse(capsys, *words, budget, match=match)
+
+
 def test_tune_refuses_what_cannot_be(servo, tmp_path, capsys):
     refuse(capsys, "tune", servo, "--parameter", "observer.gain_1=5:1:10", match="starts outside its range")
     refuse(capsys, "tune", servo, "--parameter", "observer.gain_1=a:b:c", match="is not NAME=LOW:START:HIGH")

@@ -48,15 +48,13 @@ def refuse(capsys, *words, match, code=2):
     return sentences[0]
 
 
-def shell(*words, **options):
+def shell(*words, stdout=subprocess.PIPE, **options):
     """The command as a process of its own."""
     environment = {**os.environ, "PYTHONPATH": str(REPO), "PYTHONDONTWRITEBYTECODE": "1"}
     command = [sys.executable, "-m", "fpjax", *map(str, words)]
     # Where the tests run in the background of a script, interrupts are ignored, and a child would inherit that.
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        return subprocess.Popen(
-            command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options
-        )
+        return subprocess.Popen(command, env=environment, stdout=stdout, stderr=subprocess.PIPE, text=True, **options)
     finally:
         signal.signal(signal.SIGINT, before)

@@ -212,7 +212,11 @@ def test_a_recorded_reference_is_read_beside_the_file(tmp_path):
     (tmp_path / "servo.toml").write_text(text)
     model = fp.load_model(tmp_path / "servo.toml")
     np.testing.assert_allclose(model.reference.values, np.radians(2 * time), rtol=1e-12)
-    assert 'file = "run.csv"' in fp.dump_model(model)
+    # written into another folder, it names the same log
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "tuned.toml").write_text(fp.dump_model(model))
+    again = fp.load_model(tmp_path / "other" / "tuned.toml")
+    np.testing.assert_array_equal(again.reference.values, model.reference.values)
 
 
 def test_neutral_effects_are_dropped_and_the_rest_simulates_the_same():
@@ -330,6 +334,31 @@ CASCADE = changed('type = "pi"\nkp = 150.0\nki = 200.0', 'type = "position_casca
     "[observer]", "[feedforward]\nvelocity = 0.9\ninertia = 9.0\ncoulomb = 18.0\nspeed = 0.05\n[observer]"
 )
 POSITION = '[units]\nreference = "position"\n'
+
+
+@pytest.mark.parametrize(
+    ("numerator", "name", "value", "written"),
+    [
+        ([0.5, 5.0], "through", 0.25, ([0.5, 5.0], [2.0, 0.3])),
+        ([0.5, 5.0], "through", 10.0, ([10.0, 10.0 * 0.15 + 2.4625], [1.0, 0.15])),
+        ([3.0], "output", [4.0], ([0.0, 4.0], [1.0, 0.15])),
+    ],
+)
+def test_a_changed_transfer_function_is_written_as_the_loop_holds_it(numerator, name, value, written):
+    text = (
+        f'[plant]\ntype = "one_mass"\ninertia = 0.02\n[friction]\ntype = "none"\n[controller]\ntype = "transfer_function"\n'
+        f"numerator = {numerator}\ndenominator = [2.0, 0.3]\n[simulation]\ndt = 1e-3\n"
+    )
+    model = fp.load_model(text)
+    changed = dataclasses.replace(model, loop=fp.set_parameters(model.loop, {f"controller.{name}": value}))
+    again = fp.load_model(fp.dump_model(changed))
+    table = again.sections["controller"]
+    for key, coefficients in zip(("numerator", "denominator"), written, strict=True):
+        np.testing.assert_allclose(table[key], coefficients, rtol=1e-12)
+    for leaf in ("transition", "output", "through", "sampled_transition"):
+        np.testing.assert_allclose(getattr(again.loop.controller, leaf), getattr(changed.loop.controller, leaf))
+    with pytest.raises(fp.InputError, match="sampled matrices are not those of its transition"):
+        fp.dump_model(dataclasses.replace(model, loop=fp.set_parameters(model.loop, {"controller.drive": [7.0]})))
 
 
 def test_a_feedforward_of_a_position_cascade_is_written_and_read_again():

@@ -9,6 +9,7 @@ import pytest
 from scipy import linalg, signal
 
 import fpjax as fp
+from fpjax.blocks.servo_sensor import ServoSensor
 
 control = pytest.importorskip("control", reason="python-control is not installed: pip install fpjax[control]")
 
@@ -202,3 +203,25 @@ def test_actuator_delay_shifts_a_ramp(delay):
     whole = np.floor(moment / DT + 1e-9)
     area = DT * (whole * (whole - 1.0) / 2.0 + whole * (moment / DT - whole))
     np.testing.assert_allclose(run.signals["velocity"][5:], area[5:], rtol=0, atol=1e-12)
+
+
+def test_a_delay_beyond_the_history_kept_is_delayed_all_the_same():
+    """Beyond the history the delayed signal would be zero: a run keeps as much as its delay needs."""
+    blocks = (fp.OneMass(1.0, fp.Viscous(0.5)), fp.ProportionalIntegral(5.0, 10.0))
+    short, long = (
+        fp.ClosedLoop(
+            *blocks, actuator=fp.Actuator(delay=12e-3, longest_delay=kept),
+            sensor=ServoSensor(delay=18.5e-3, longest_delay=kept),
+        )
+        for kept in (2, 40)
+    )  # fmt: skip
+    settings = {"dt": DT, "samples": 200, "stepping": "sampled", "record": ("applied", "measured_velocity")}
+    for initial in (None, short.init()):
+        found, truth = (fp.simulate(loop, fp.Constant(1.0), initial=initial, **settings) for loop in (short, long))
+        assert np.flatnonzero(found.signals["applied"])[0] == 12
+        for name, values in truth.signals.items():
+            np.testing.assert_allclose(found.signals[name], values, rtol=1e-12, atol=1e-15)
+    margins = [loop.linearise(1.0, dt=DT).margins().delay_margin for loop in (short, long)]
+    assert margins[0] == pytest.approx(margins[1], rel=1e-9)
+    with pytest.raises(fp.InputError, match=r"actuator.delay = 2 s is 2000 periods of dt = 0.001 s"):
+        fp.simulate(fp.set_parameters(short, {"actuator.delay": 2.0}), fp.Constant(1.0), **settings)

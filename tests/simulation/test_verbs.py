@@ -170,6 +170,21 @@ BAD = {
     "one name that is not known": (
         lambda: tuning.tune(GIMBAL, parameters="observer.gain_3"), "'observer.gain_3' is not known",
     ),
+    "a record without values": (lambda: fp.simulate(GIMBAL, fp.Recorded([], 1e-3)), r"shape \(0,\): give one number"),
+    "a record in columns": (
+        lambda: fp.simulate(LOOP, fp.Recorded(np.ones((3, 2)), 1e-3), dt=1e-3, samples=5), r"shape \(3, 2\)",
+    ),
+    "a record with a gap": (lambda: fp.Recorded([1.0, np.nan], 1e-3), "Recorded: values must be finite, 1 of 2"),
+    "a sine of no size": (lambda: fp.Sine(np.nan, 1.0), "Sine: amplitude must be finite, got nan"),
+    "a sine that is aliased": (
+        lambda: fp.simulate(LOOP, fp.Sine(1.0, 700.0), dt=1e-3, samples=5), "700 Hz cannot be followed at dt = 0.001 s",
+    ),
+    "a sine to tune on that is aliased": (lambda: tuning.tune(GIMBAL, fp.Sine(1.0, 700.0)), "must stay below 500 Hz"),
+    "no plants": (lambda: tuning.tune(GIMBAL, plants={"plant.inertia": []}), r"values of shape \(0,\)"),
+    "parameters without names": (lambda: fp.set_parameters(LOOP, [("plant.inertia", 2.0)]), "got list .* by name"),
+    "no substep": (lambda: fp.simulate(GIMBAL, substeps=0), "substeps = 0 must both be at least 1"),
+    "no substep to tune with": (lambda: tuning.tune(GIMBAL, substeps=0), "substeps = 0"),
+    "no substep to linearise": (lambda: fp.linearise(GIMBAL, substeps=0), "substeps = 0 must be at least 1"),
     "nothing recorded": (
         lambda: fp.simulate(LOOP, fp.Constant(1.0), dt=1e-3, samples=5).plot(),
         "Nothing was recorded",

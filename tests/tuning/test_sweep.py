@@ -51,6 +51,19 @@ def test_every_point_is_its_own_simulation():
     )
 
 
+def test_a_delay_is_swept_and_tuned_beyond_the_history_of_the_loop():
+    blocks = (fpjax.OneMass(1.0, fpjax.Viscous(0.5)), fpjax.Proportional(5.0))
+    short, long = (
+        fpjax.ClosedLoop(*blocks, actuator=fpjax.Actuator(delay=1e-3, longest_delay=kept)) for kept in (2, 20)
+    )
+    common = {"dt": 1e-3, "samples": 101, "stepping": "sampled", "objective": "tracking"}
+    axes = [Axis("actuator.delay", 1e-3, 16e-3, 4)]
+    found, truth = (tuning.sweep(loop, SINE, axes=axes, **common).costs for loop in (short, long))
+    np.testing.assert_allclose(found, truth, rtol=1e-12)
+    with pytest.raises(InputError, match=r"is 10000 periods .* give it a smaller upper bound"):
+        tuning.tune(short, SINE, parameters=["actuator.delay"], **common)
+
+
 def test_chunks_change_nothing_but_rounding_and_diverged_points_cost_infinity():
     axes = (Axis("observer.gain_1", 1.0, 1e9, 40), Axis("observer.gain_2", 1.0, 1e9, 5))
     common = {**COMMON, "axes": axes, "samples": 101, "duration": None}
