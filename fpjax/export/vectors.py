@@ -12,7 +12,7 @@ from ..blocks.references import AbstractReference, Recorded
 from ..errors import InputError
 from ..simulation.loop import ClosedLoop
 from ..simulation.run import simulate
-from ..simulation.scan import astype
+from ..simulation.scan import astype, make_inputs, make_stepper
 from ..simulation.solvers import AbstractPlantSolver
 from .law import INPUTS, Law, double_enabled, memory_at_rest, run
 from .rounding import Trace, run_bound
@@ -83,7 +83,9 @@ def make_vectors(
         if ahead:
             # The law reads r_k+1 now and as r_k in the next step. A formula evaluated for both may differ in the last
             # bit; a table does not.
-            table = np.asarray(reference.readout(jnp.asarray(law.dt * np.arange(samples + 1))), float)
+            stepper = make_stepper(dt=law.dt, samples=samples, solver=solver, stepping="sampled", substeps=substeps)
+            now, following = make_inputs(exact, reference, stepper).references
+            table = np.append(now, following[-1])
             reference = Recorded(table, law.dt)
         found = simulate(
             exact, reference, dt=law.dt, samples=samples, stepping="sampled", solver=solver,

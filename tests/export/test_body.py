@@ -45,6 +45,19 @@ def test_mujoco_moves_as_fpjax_does_where_it_holds_everything(text, tmp_path):
         assert theirs < share * size, name
 
 
+def test_a_position_goes_on_past_the_last_row_in_both_simulators(tmp_path):
+    """Only fpjax' own run was told a stop after the last row: its feed-forward made one torque of 100 N m from it."""
+    text = ONE.replace("10.0", "0.02") + SIMPLE.replace("20.0", "0.3").replace("2.0", "0.05")
+    loop = (
+        '[controller]\ntype = "position_cascade"\nkp = 20.0\nkv = 1.0\n[feedforward]\nvelocity = 1.0\ninertia = 0.02\n'
+        '[units]\nreference = "position"\nsensors = "position"\n'
+    )
+    made = fp.export_mujoco(fp.load_model(text + loop + REST[REST.index("[reference]") :]), tmp_path)
+    _, theirs, size = made.errors["torque"]
+    assert size < 2.0
+    assert theirs < 0.05 * size
+
+
 def test_what_the_target_cannot_hold_is_named_with_its_cost(tmp_path):
     model = fp.load_model(ONE + STRIBECK + ACTUATOR + UNBALANCE + REST)
     found = fp.export_mujoco(model, tmp_path)
