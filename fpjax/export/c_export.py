@@ -5,12 +5,14 @@ import os
 import pathlib
 import re
 
+import numpy as np
+
 from ..blocks.observers import NoObserver
 from ..blocks.references import AbstractReference, Sine
 from ..errors import InputError
 from ..model_file import Model, load_model
 from ..output.runfile import made_folder, write_whole
-from .c_code import Code, write_c
+from .c_code import Code, unit_of, write_c
 from .c_test import EMBEDDED, test_program, vector_file, vector_header
 from .check import Checked, check_c, failures, find_compiler
 from .cost import Cost, estimate_cost
@@ -107,13 +109,16 @@ def export_c(
     if check:
         files += _write(folder, {f"{code.name}_vectors.bin": vector_file(vectors)})
         checked = check_c(law, code, folder)
-        wrong = failures(checked)
+        wrong = failures(checked, {output: unit_of(output, model.units) for output in law.outputs})
         if wrong:
             raise InputError(
                 f"{code.name}_control.c does not agree with the simulation: {'; '.join(wrong)}. Please report it with "
                 "the model."
             )
-    bounds = dict(zip(law.outputs, map(float, vectors.bounds.max(axis=0)), strict=True))
+    most = vectors.bounds.max(axis=0)
+    # an output that is always zero has the last place of the smallest normal number in the vectors: no bound to tell
+    most = np.where(most < np.finfo(law.dtype).tiny, 0.0, most)
+    bounds = dict(zip(law.outputs, map(float, most), strict=True))
     # a bound needs finite slopes along the run, which sign(w) does not have where the velocity changes its sign
     unbounded = [output for output, bound in bounds.items() if not bound < float("inf")]
     if check and unbounded:

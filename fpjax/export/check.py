@@ -26,7 +26,8 @@ class Checked:
         rows: samples compared.
         steps: by output and state, the largest difference of one step [units in the last place].
         runs: by output, the largest difference of the whole run, in the output's unit.
-        bounds: by output, this difference relative to its bound [1].
+        bounds: by output, the largest ratio of a difference of the run to its bound [1].
+        nearest: by output, where that ratio is: (the difference there, in the output's unit; the sample, from 0).
         nanoseconds: of one step on this machine.
         passed: whether every step and the run are within what is allowed.
         text_bytes: code and constants as compiled for this machine, -Os; None where `size` is missing.
@@ -37,6 +38,7 @@ class Checked:
     steps: dict[str, float]
     runs: dict[str, float]
     bounds: dict[str, float]
+    nearest: dict[str, tuple[float, int]]
     nanoseconds: float
     passed: bool
     text_bytes: int | None
@@ -85,13 +87,14 @@ def check_c(law: Law, code: Code, folder: pathlib.Path) -> Checked:
     finally:
         # the folder keeps sources and vectors only: the user compiles for the drive
         program.unlink(missing_ok=True)
-    steps, runs, bounds = {}, {}, {}
+    steps, runs, bounds, nearest = {}, {}, {}, {}
     for line in ran.stdout.splitlines():
-        match = re.match(r"(\w+) step (\S+)(?: run (\S+) of bound (\S+))?$", line)
+        match = re.match(r"(\w+) step (\S+)(?: run (\S+) of bound (\S+) by (\S+) in row (\d+))?$", line)
         if match:
             steps[match[1]] = float(match[2])
             if match[3]:
                 runs[match[1]], bounds[match[1]] = float(match[3]), float(match[4])
+                nearest[match[1]] = float(match[5]), int(match[6])
     measured = re.search(r"^rows (\d+) nanoseconds (\S+)", ran.stdout, flags=re.MULTILINE)
     if measured is None or set(law.outputs) - set(steps):
         raise InputError(
@@ -99,20 +102,25 @@ def check_c(law: Law, code: Code, folder: pathlib.Path) -> Checked:
         )
     version = _run([compiler, "--version"], folder).stdout.splitlines() or [compiler]
     return Checked(
-        version[0].strip(), int(measured[1]), steps, runs, bounds, float(measured[2]), ran.returncode == 0,
+        version[0].strip(), int(measured[1]), steps, runs, bounds, nearest, float(measured[2]), ran.returncode == 0,
         _text_bytes(compiler, name, folder),
     )  # fmt: skip
 
 
-def failures(checked: Checked) -> list[str]:
-    """A phrase for each output or state that is outside its limits."""
+def failures(checked: Checked, units: dict[str, str]) -> list[str]:
+    """A phrase for each output or state that is outside its limits.
+
+    Args:
+        checked: from `check_c`.
+        units: of every output, by its name.
+    """
     found = [f"{name} by {ulps:.3g} ulp a step (allowed {ULPS:g})" for name, ulps in checked.steps.items()
              if not ulps <= ULPS]  # fmt: skip
-    return found + [
-        f"{name} by {checked.runs[name]:.3g} over the run ({ratio:.3g} of its bound)"
-        for name, ratio in checked.bounds.items()
-        if not ratio <= 1.0
-    ]
+    for name, ratio in checked.bounds.items():
+        if not ratio <= 1.0:
+            apart, sample = checked.nearest[name]
+            found.append(f"{name} by {apart:.3g} {units[name]} in the run's sample {sample} ({ratio:.3g} of its bound)")
+    return found
 
 
 def _text_bytes(compiler: str, name: str, folder: pathlib.Path) -> int | None:
