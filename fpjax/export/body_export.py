@@ -104,6 +104,8 @@ def _export(model: Model, folder: str | os.PathLike[str], log: Log | None, targe
     file = folder / f"{stem}.{'xml' if target == 'mujoco' else 'urdf'}"
     write_whole(file, text)
     tracked = "position" if model.units.reference == "position" else "velocity"
+    if model.units.torque not in ("N m", "N"):
+        notes.append(_not_si(model, file.name, "MuJoCo" if target == "mujoco" else "URDF"))
     if mujoco is None:
         notes.append(
             f'mujoco is not installed, so {file.name} was written but not replayed: pip install "fpjax[mujoco]".'
@@ -123,6 +125,19 @@ def _export(model: Model, folder: str | os.PathLike[str], log: Log | None, targe
     }
     costs = {left.name: _cost(model, left, reference, log, record, ours, tracked) for left in body.leftovers}
     return ExportedBody(file, body, against, errors, costs, tracked, tuple(notes))
+
+
+def _not_si(model: Model, file: str, target: str) -> str:
+    """The sentence on a model whose torque is in units of a label."""
+    units = model.units
+    force = "N" if model.linear else "N m"
+    return (
+        f"Inertia, friction and damping in {file} are in units of {units.torque}, as the torque of the model is "
+        f"({units.name('kg m^2')} for the inertia), but {target} takes SI: the machine moves as it does here when "
+        f"it is driven with {units.torque}, and it is wrong beside bodies and forces in SI. With a torque constant "
+        f"[{force}/{units.torque}], multiply all torques, inertias, friction, stiffness and gains of the model by it, "
+        f'and write [units] torque = "{force}".'
+    )
 
 
 def _record(model: Model, log: Log | None) -> tuple[dict[str, np.ndarray], np.ndarray, Any, str]:

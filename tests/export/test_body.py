@@ -115,6 +115,16 @@ def test_a_log_is_replayed_in_both_simulators(tmp_path, capsys):
     assert "its torque is in A" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("export", [fp.export_mujoco, fp.export_urdf])
+def test_a_torque_in_units_of_a_label_is_said_to_be_no_si(export, tmp_path):
+    text = ONE + SIMPLE + REST
+    assert not export(fp.load_model(text), tmp_path).notes
+    (note,) = export(fp.load_model(text + '[units]\ntorque = "V"\n'), tmp_path).notes
+    assert "in units of V" in note
+    assert "takes SI" in note
+    assert "torque constant [N m/V]" in note
+
+
 def test_without_mujoco_the_file_is_written_and_that_is_said(tmp_path, monkeypatch):
     monkeypatch.setattr("fpjax.export.body_export.find_mujoco", lambda: None)
     made = fp.export_mujoco(fp.load_model(ONE + SIMPLE + REST), tmp_path)
