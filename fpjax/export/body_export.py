@@ -21,6 +21,7 @@ from ..model_file import Model
 from ..model_file.initial_state import initial_state
 from ..output.runfile import made_folder, write_whole
 from ..simulation.loop import ClosedLoop
+from ..simulation.solvers import ExactSticking, get_solver
 from .body import Body, Leftover, body_of
 from .mjcf import mjcf, urdf
 from .mujoco_replay import find_mujoco, replay_mujoco, takes
@@ -92,7 +93,8 @@ def _export(model: Model, folder: str | os.PathLike[str], log: Log | None, targe
     substeps = max(model.substeps, math.ceil(model.dt / FINEST - 1e-9))
     dcmotor = mujoco is None or takes(mujoco, '<dcmotor joint="j" motorconst="1" resistance="1" lugre="1 0 1 1 1"/>')
     delays = mujoco is None or takes(mujoco, '<general joint="j" delay="0.1" nsample="4"/>')
-    body = body_of(model.loop, shaft=target == "mujoco", lugre=target == "mujoco" and dcmotor)
+    dry = isinstance(get_solver(model.solver), ExactSticking)
+    body = body_of(model.loop, shaft=target == "mujoco", lugre=target == "mujoco" and dcmotor, dry=dry)
     if target == "mujoco":
         timestep = model.dt / substeps
         text = mjcf(body, name=stem, linear=model.linear, timestep=timestep, dcmotor=dcmotor, delays=delays).replace(
@@ -182,5 +184,6 @@ def _cost(
     loop = left.without(model.loop)
     state = loop.init() if log is None else initial_state(dataclasses.replace(model, loop=loop), log)
     name = tracked if tracked in record else "torque"
+    model = dataclasses.replace(model, solver=left.solver or model.solver)
     found = _simulated(model, loop, reference, state)[name]
     return rms(found - record[name]) - rms(ours[name] - record[name])
