@@ -4,6 +4,7 @@ import dataclasses
 import os
 import pathlib
 import re
+import unicodedata
 
 import numpy as np
 
@@ -146,7 +147,9 @@ def _write(folder: pathlib.Path, texts: dict[str, str] | dict[str, bytes]) -> li
 
 
 def _word(model: Model) -> str:
-    stem = re.sub(r"\W", "_", model.path.stem) if model.path else "servo"
+    # C99 leaves other letters in identifiers to the compiler: an accent is dropped, anything else becomes _
+    plain = unicodedata.normalize("NFKD", model.path.stem) if model.path else "servo"
+    stem = re.sub(r"[^A-Za-z0-9_]", "_", "".join(letter for letter in plain if not unicodedata.combining(letter)))
     return stem if re.match(r"[A-Za-z_]", stem) else f"servo_{stem}"
 
 

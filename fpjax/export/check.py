@@ -4,6 +4,7 @@ import dataclasses
 import os
 import pathlib
 import re
+import shlex
 import shutil
 import subprocess
 
@@ -44,16 +45,29 @@ class Checked:
     text_bytes: int | None
 
 
-def find_compiler() -> str:
-    """The C compiler: CC of the environment, or else cc, gcc or clang.
+def find_compiler() -> list[str]:
+    """The C compiler and its flags: CC of the environment, or else cc, gcc or clang.
 
     Raises:
-        InputError: where there is none.
+        InputError: where there is none, or not the one that CC names.
     """
-    for name in (os.environ.get("CC", ""), "cc", "gcc", "clang"):
-        found = shutil.which(name) if name else None
+    given = os.environ.get("CC", "").strip()
+    try:
+        words = shlex.split(given)
+    except ValueError:  # a quotation mark without its pair
+        words = [given]
+    if words:
+        found = shutil.which(words[0])
         if found:
-            return found
+            return [found, *words[1:]]
+        raise InputError(
+            f"--check compiles with the variable CC, but CC = {given!r} names no program here: the C code is "
+            "written, but not checked; set CC to a compiler, with its flags if it needs any, or unset it."
+        )
+    for name in ("cc", "gcc", "clang"):
+        found = shutil.which(name)
+        if found:
+            return [found]
     raise InputError(
         "--check needs a C compiler, and none was found (the variable CC, cc, gcc, clang): the C code is written, but "
         "not checked; install a compiler (apt install gcc) and run the command again."
@@ -75,11 +89,11 @@ def check_c(law: Law, code: Code, folder: pathlib.Path) -> Checked:
     program = folder / f"{name}_test"
     sources = [f"{name}_control.c", f"{name}_test.c"]
     # -Werror: a warning in generated code is an error of the generator
-    made = _run([compiler, *FLAGS, *sources, "-o", program.name, "-lm"], folder)
+    made = _run([*compiler, *FLAGS, *sources, "-o", program.name, "-lm"], folder)
     if made.returncode:
         lines = [line for line in made.stderr.splitlines() if "error" in line] or made.stderr.splitlines() or ["?"]
         raise InputError(
-            f"{pathlib.Path(compiler).name} rejects {name}_control.c ({lines[0].strip()}): please report it with "
+            f"{pathlib.Path(compiler[0]).name} rejects {name}_control.c ({lines[0].strip()}): please report it with "
             f"the model."
         )
     try:
@@ -100,7 +114,7 @@ def check_c(law: Law, code: Code, folder: pathlib.Path) -> Checked:
         raise InputError(
             f"The test program of {name} ended with code {ran.returncode}: please report it with the model."
         )
-    version = _run([compiler, "--version"], folder).stdout.splitlines() or [compiler]
+    version = _run([*compiler, "--version"], folder).stdout.splitlines() or compiler
     return Checked(
         version[0].strip(), int(measured[1]), steps, runs, bounds, nearest, float(measured[2]), ran.returncode == 0,
         _text_bytes(compiler, name, folder),
@@ -123,12 +137,12 @@ def failures(checked: Checked, units: dict[str, str]) -> list[str]:
     return found
 
 
-def _text_bytes(compiler: str, name: str, folder: pathlib.Path) -> int | None:
+def _text_bytes(compiler: list[str], name: str, folder: pathlib.Path) -> int | None:
     tool, compiled = shutil.which("size"), folder / f".{name}_size.o"
     if tool is None:
         return None
     try:
-        if _run([compiler, "-std=c99", "-Os", "-c", f"{name}_control.c", "-o", compiled.name], folder).returncode:
+        if _run([*compiler, "-std=c99", "-Os", "-c", f"{name}_control.c", "-o", compiled.name], folder).returncode:
             return None
         rows = _run([tool, compiled.name], folder).stdout.splitlines()
         return int(rows[1].split()[0]) if len(rows) > 1 else None

@@ -1,5 +1,6 @@
 """The C of a control law is the simulation: every controller and observer, compiled by the machine's compiler."""
 
+import dataclasses
 import shutil
 import subprocess
 import warnings
@@ -15,7 +16,7 @@ from catalogue_drive import CONTROLLERS, OBSERVERS
 
 import fpjax as fp
 from fpjax.blocks.block import as_parameter
-from fpjax.export.check import FLAGS, check_c, failures
+from fpjax.export.check import FLAGS, check_c, failures, find_compiler
 from fpjax.export.rounding import Trace, run_bound
 from fpjax.export.vectors import ULPS
 
@@ -231,6 +232,25 @@ def test_bad_input_is_one_sentence(tmp_path, monkeypatch):
         fp.export_c(model, tmp_path, check=True)
     names = {"servo_control.h", "servo_control.c", "servo_test.c", "servo_vectors.h"}
     assert names <= {path.name for path in tmp_path.iterdir()}, "written, unchecked"
+
+
+def test_cc_may_hold_flags_and_is_not_replaced_silently(tmp_path, monkeypatch):
+    loop = fp.ClosedLoop(fp.OneMass(10.0, fp.Viscous(2.0)), fp.ProportionalIntegral(150.0, 200.0))
+    monkeypatch.setenv("CC", "cc -DNOTHING")
+    assert find_compiler() == [shutil.which("cc"), "-DNOTHING"]
+    assert exported(loop, fp.Sine(1.0, 1.0), tmp_path, duration=0.1).checked.passed
+    monkeypatch.setenv("CC", "nocc -m32")
+    with pytest.raises(fp.InputError, match=r"CC = 'nocc -m32' names no program"):
+        exported(loop, fp.Sine(1.0, 1.0), tmp_path, duration=0.1)
+
+
+def test_names_in_c_are_ascii(tmp_path):
+    path = tmp_path / "mödel ñ 1.toml"
+    loop = fp.ClosedLoop(fp.OneMass(10.0, fp.Viscous(2.0)), fp.ProportionalIntegral(150.0, 200.0))
+    made = fp.export_c(dataclasses.replace(model_of(loop, fp.Sine(1.0, 1.0)), path=path), tmp_path)
+    assert made.code.name == "model_n_1"
+    with pytest.raises(fp.InputError, match="is not a C identifier"):
+        fp.export_c(model_of(loop, fp.Sine(1.0, 1.0)), tmp_path, name="mödel")
 
 
 def test_python_in_single_precision_exports_double_all_the_same(tmp_path):
