@@ -101,9 +101,12 @@ class SweepStore:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self.folder is not None and self._fresh and not self._numbers():
-            (self.folder / MANIFEST).unlink(missing_ok=True)  # nothing was computed: the folder is as free as before
-        self.close()
+        try:
+            if self.folder is not None and self._fresh and not self._numbers():
+                with contextlib.suppress(OSError):  # nothing was computed: the folder is as free as before
+                    (self.folder / MANIFEST).unlink()
+        finally:
+            self.close()
 
     def close(self) -> None:
         """Release the folder, for another process to use."""
