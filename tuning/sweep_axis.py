@@ -47,7 +47,8 @@ class Axis:
             raise InputError(f"{self.name}: from {self.low:g} to {self.high:g} is not finite: give two numbers.")
         if self.scale == "log" and not self.low > 0.0:
             raise InputError(
-                f"{self.name}: low must be above zero on a log scale, got {self.low:g} (or scale='linear')."
+                f"{self.name}: low must be above zero on a log scale, got {self.low:g}; or take a linear scale "
+                "(scale='linear', or :linear at the end of --axis)."
             )
         if not (self.low < self.high or (self.count == 1 and self.low == self.high)):
             raise InputError(

@@ -78,6 +78,7 @@ class SweepStore:
         self._pieces = -(-total // chunk)
         self._kept: dict[int, np.ndarray] = {}
         self._lock: FolderLock | None = None
+        self._fresh = False  # whether this opening wrote the manifest
         if self.folder is None:
             if resume:
                 raise InputError("resume=True needs the folder of the sweep that was stopped: give out=FOLDER.")
@@ -100,7 +101,12 @@ class SweepStore:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.close()
+        try:
+            if self.folder is not None and self._fresh and not self._numbers():
+                with contextlib.suppress(OSError):  # nothing was computed: the folder is as free as before
+                    (self.folder / MANIFEST).unlink()
+        finally:
+            self.close()
 
     def close(self) -> None:
         """Release the folder, for another process to use."""
@@ -143,6 +149,7 @@ class SweepStore:
             "versions": versions(),
         }
         write_whole(folder / MANIFEST, json.dumps(content | {"sha256": _checksum(content)}, indent=1))
+        self._fresh = True
 
     def path(self, piece: int) -> Path:
         """The file of one chunk."""

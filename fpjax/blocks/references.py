@@ -193,3 +193,9 @@ class Recorded(AbstractReference):
             return before
         after = self.values[jnp.minimum(index + 1, self.values.shape[-1] - 1)]
         return before + jnp.clip(place - index.astype(place.dtype), 0.0, 1.0) * (after - before)
+
+    def ends_between(self, start: Array, end: Array) -> Array:
+        """Whether the last sample is at or after `start` [s] and before `end` [s]; shape ()."""
+        last = (self.values.shape[-1] - 1.0) * self.interval
+        near = 1e-3 * self.interval  # as in `readout`
+        return (start <= last + near) & (end > last + near)

@@ -98,7 +98,8 @@ def _export_body(
     elif held:
         print(f"  not expressed there: {', '.join(held)}")
     else:
-        print("  all of the model's mechanics is expressed there")
+        label = "" if model.units.torque in ("N m", "N") else f", in units of {model.units.torque}"
+        print(f"  all of the model's mechanics is expressed there{label}")
     # files beside run.json are listed by name, so that the folder can be moved; others by their path
     same = pathlib.Path(arguments.out).resolve() == made.file.parent.resolve()
     record.outputs.append(made.file.name if same else str(made.file))

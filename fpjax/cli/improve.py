@@ -107,6 +107,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _write(found: Improvement, log: Log, record: RunFile, arguments: argparse.Namespace) -> None:
+    assert record.folder is not None
+    given = arguments.diagnosis
+    if given is not None and pathlib.Path(given).resolve() != record.folder.resolve():
+        for name in (DIAGNOSIS, *KEPT):
+            (record.folder / name).unlink(missing_ok=True)  # an earlier run's: these gains come from another diagnosis
     record.notes.extend(found.notes)
     write_json(record.path("improve.json"), found.to_dict())
     tuned = record.path("tuned.toml")
@@ -118,7 +123,6 @@ def _write(found: Improvement, log: Log, record: RunFile, arguments: argparse.Na
     if not arguments.no_report:
         for name in ("improve.html", "improve.png"):
             record.path(name)
-        assert record.folder is not None
         found.report(record.folder)
 
 

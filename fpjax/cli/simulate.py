@@ -137,7 +137,7 @@ def _simulate(model: "Model", arguments: argparse.Namespace, record: RunFile) ->
     if record.folder is not None:
         write_signals(record, signals)
     if run.diverged:
-        raise InputError(_diverged(signals))
+        raise InputError(_diverged(model, signals))
     rows = summary(model, run)
     print(f"{_title(model)}: {run.message}, {len(run.time)} samples of {model.dt:g} s")
     print(table(rows, ("quantity", "value", "unit")))
@@ -183,11 +183,13 @@ def _title(model: "Model") -> str:
     return model.path.name if model.path else "the model"
 
 
-def _diverged(signals: dict[str, np.ndarray]) -> str:
-    # Values beyond 1e15 count as diverged; NaN compares false, so it does too.
-    healthy = np.ones(signals["time"].size, bool)
+def _diverged(model: "Model", signals: dict[str, np.ndarray]) -> str:
+    from ..simulation.divergence import LARGEST, in_proportion
+
+    # not a number compares false, so it counts as diverged
+    healthy = np.ones(signals["time"].size, bool) & np.asarray(in_proportion(model.loop.controller, signals))
     for values in signals.values():
-        healthy &= np.abs(values) < 1e15
+        healthy &= np.abs(values) < LARGEST
     first = int(np.argmin(healthy)) if not healthy.all() else healthy.size - 1
     return (
         f"The loop diverges at t = {signals['time'][first]:g} s: use smaller gains (controller or observer) or a "

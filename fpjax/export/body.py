@@ -13,8 +13,17 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..blocks.actuators import Actuator, IdealActuator
-from ..blocks.friction import AbstractStaticFriction, Dahl, LuGre, NoFriction
+from ..blocks.friction import (
+    AbstractStaticFriction,
+    CoulombViscous,
+    CoulombViscousStiction,
+    Dahl,
+    LuGre,
+    NoFriction,
+    SmoothCoulomb,
+)
 from ..blocks.friction.bristles import Bristles
+from ..blocks.learned import LearnedTorque
 from ..blocks.loads import NoLoad, Unbalance
 from ..blocks.plants import OneMass, SeriesTwoMass, TwoMass
 from ..blocks.plants.transmission import Transmission
@@ -34,10 +43,12 @@ class Leftover:
     Attributes:
         name: of the effect.
         without: the loop without it.
+        solver: of the simulation without it; "" for the model's own.
     """
 
     name: str
     without: Callable[[ClosedLoop], ClosedLoop]
+    solver: str = ""
 
 
 @dataclasses.dataclass
@@ -75,7 +86,7 @@ class Body:
     leftovers: list[Leftover] = dataclasses.field(default_factory=list)
 
 
-def body_of(loop: ClosedLoop, *, shaft: bool, lugre: bool) -> Body:
+def body_of(loop: ClosedLoop, *, shaft: bool, lugre: bool, dry: bool = True) -> Body:
     """The body of a loop.
 
     Args:
@@ -83,6 +94,8 @@ def body_of(loop: ClosedLoop, *, shaft: bool, lugre: bool) -> Body:
         shaft: whether the target can express two masses with a spring; if not, they become one, and the spring is a
             leftover.
         lugre: whether the target can express LuGre friction.
+        dry: whether the loop's own simulation resolves sticking, and so uses no steepness: the friction of the targets
+            is dry.
 
     Raises:
         InputError: for a plant or a friction law that is not one of fpjax' own.
@@ -106,22 +119,28 @@ def body_of(loop: ClosedLoop, *, shaft: bool, lugre: bool) -> Body:
             f"{type(plant).__name__} cannot be expressed in another simulator: export one mass, two masses or a "
             f"transmission."
         )
-    _friction(body, plant.friction, share, smooth, lugre)
+    _friction(body, plant.friction, share, smooth, lugre, dry)
     _actuator(body, loop.actuator)
     _load(body, plant.load)
     return body
 
 
-def _friction(body: Body, law: Any, share: float, smooth: float, lugre: bool) -> None:
+def _friction(body: Body, law: Any, share: float, smooth: float, lugre: bool, dry: bool) -> None:
     """Write a friction law into the body, `share` of it and `smooth` of its viscous part on the load.
 
     What does not fit becomes a leftover.
     """
     if isinstance(law, Bristles):
+        dry = True  # with bristles the level needs no steepness, and uses none
         body.leftovers.append(Leftover("bristles (presliding)", lambda loop: _with_law(loop, lambda each: each.law)))
         law = law.law
     if isinstance(law, NoFriction):
         return
+    if isinstance(law, CoulombViscousStiction):
+        if _there(law.static - law.coulomb):
+            name = "stiction (static friction above Coulomb friction)"
+            body.leftovers.append(Leftover(name, lambda loop: _with_law(loop, _inside(_sliding))))
+        law = _sliding(law)
     if isinstance(law, LuGre | Dahl):
         # MuJoCo's lugre has a Gaussian Stribeck curve. Dahl's law of exponent 1 is LuGre without a Stribeck peak.
         fits = _number(law.exponent) == (2.0 if isinstance(law, LuGre) else 1.0)
@@ -161,6 +180,9 @@ def _friction(body: Body, law: Any, share: float, smooth: float, lugre: bool) ->
     for name, fields in terms.items():
         if any(_there(getattr(general, field, None)) for field in fields):
             body.leftovers.append(Leftover(name, lambda loop, fields=fields: _with_law(loop, _neutral(fields))))
+    if not dry and coulomb and general.steepness is not None:
+        name = f"friction that is smooth at reversals (steepness {_number(general.steepness):.4g})"
+        body.leftovers.append(Leftover(name, lambda loop: _with_law(loop, _without_steepness), solver="exact"))
 
 
 def _actuator(body: Body, actuator: Any) -> None:
@@ -187,7 +209,7 @@ def _actuator(body: Body, actuator: Any) -> None:
 
 def _load(body: Body, load: Any) -> None:
     # A load is a torque that the motor must hold; offset and waves drive. So the signs turn.
-    for part in flat_loads(load):
+    for index, part in enumerate(flat_loads(load)):
         if isinstance(part, Unbalance):
             if _number(part.amplitude):
                 body.load_waves.append((-_number(part.amplitude), 1.0, _number(part.phase)))
@@ -201,8 +223,9 @@ def _load(body: Body, load: Any) -> None:
                 if size:
                     body.load_waves.append((-size, place * _number(part.periods), phase))
         elif not isinstance(part, NoLoad):
-            name = f"the load {type(part).__name__}"
-            body.leftovers.append(Leftover(name, lambda loop, part=part: _without_load(loop, type(part))))
+            learned = isinstance(part, LearnedTorque)
+            name = f"the learned torque over the {part.of}" if learned else f"the load {type(part).__name__}"
+            body.leftovers.append(Leftover(name, lambda loop, index=index: _without_part(loop, index)))
 
 
 def without_waves(loop: ClosedLoop) -> ClosedLoop:
@@ -238,17 +261,29 @@ def _with_even_spring(loop: ClosedLoop) -> ClosedLoop:
 
 def _plain(law: Any) -> Any:
     """The Coulomb and viscous part of a law with memory."""
-    from ..blocks.friction import CoulombViscous
-
     return CoulombViscous(law.coulomb, law.viscous)
+
+
+def _sliding(law: Any) -> Any:
+    """A law with stiction without it."""
+    return CoulombViscous(law.coulomb, law.viscous, law.steepness)
+
+
+def _without_steepness(law: Any) -> Any:
+    """A static law with sign in place of tanh."""
+    law = law.general() if isinstance(law, SmoothCoulomb) else law  # its steepness is not optional
+    return dataclasses.replace(law, steepness=None)
+
+
+def _inside(change: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """The change of a law, or of the law within bristles."""
+    return lambda law: dataclasses.replace(law, law=change(law.law)) if isinstance(law, Bristles) else change(law)
 
 
 def _neutral(fields: tuple[str, ...]) -> Callable[[Any], Any]:
     """A function that sets fields of a law's general form to their neutral values."""
 
     def change(law: Any) -> Any:
-        if isinstance(law, Bristles):
-            return dataclasses.replace(law, law=change(law.law))
         general = law.general()
         empty = {"position_cosine": (), "position_sine": ()}
         optional = {"stribeck_torque", "drift_amplitude", "load_coefficient"}
@@ -257,7 +292,7 @@ def _neutral(fields: tuple[str, ...]) -> Callable[[Any], Any]:
         }
         return dataclasses.replace(general, **values)
 
-    return change
+    return _inside(change)
 
 
 def _with_law(loop: ClosedLoop, change: Callable[[Any], Any]) -> ClosedLoop:
@@ -281,6 +316,12 @@ def _without_load(loop: ClosedLoop, kinds: Any) -> ClosedLoop:
             parts.append(part)
         elif isinstance(part, Unbalance):
             parts.append(ConstantTorque(part.offset))
+    return _replaced(loop, "plant", _replaced(loop.plant, "load", Loads(tuple(parts))))
+
+
+def _without_part(loop: ClosedLoop, index: int) -> ClosedLoop:
+    parts = list(flat_loads(loop.plant.load))
+    del parts[index]
     return _replaced(loop, "plant", _replaced(loop.plant, "load", Loads(tuple(parts))))
 
 

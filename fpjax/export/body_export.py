@@ -21,6 +21,7 @@ from ..model_file import Model
 from ..model_file.initial_state import initial_state
 from ..output.runfile import made_folder, write_whole
 from ..simulation.loop import ClosedLoop
+from ..simulation.solvers import ExactSticking, get_solver
 from .body import Body, Leftover, body_of
 from .mjcf import mjcf, urdf
 from .mujoco_replay import find_mujoco, replay_mujoco, takes
@@ -92,7 +93,8 @@ def _export(model: Model, folder: str | os.PathLike[str], log: Log | None, targe
     substeps = max(model.substeps, math.ceil(model.dt / FINEST - 1e-9))
     dcmotor = mujoco is None or takes(mujoco, '<dcmotor joint="j" motorconst="1" resistance="1" lugre="1 0 1 1 1"/>')
     delays = mujoco is None or takes(mujoco, '<general joint="j" delay="0.1" nsample="4"/>')
-    body = body_of(model.loop, shaft=target == "mujoco", lugre=target == "mujoco" and dcmotor)
+    dry = isinstance(get_solver(model.solver), ExactSticking)
+    body = body_of(model.loop, shaft=target == "mujoco", lugre=target == "mujoco" and dcmotor, dry=dry)
     if target == "mujoco":
         timestep = model.dt / substeps
         text = mjcf(body, name=stem, linear=model.linear, timestep=timestep, dcmotor=dcmotor, delays=delays).replace(
@@ -104,6 +106,8 @@ def _export(model: Model, folder: str | os.PathLike[str], log: Log | None, targe
     file = folder / f"{stem}.{'xml' if target == 'mujoco' else 'urdf'}"
     write_whole(file, text)
     tracked = "position" if model.units.reference == "position" else "velocity"
+    if model.units.torque not in ("N m", "N"):
+        notes.append(_not_si(model, file.name, "MuJoCo" if target == "mujoco" else "URDF"))
     if mujoco is None:
         notes.append(
             f'mujoco is not installed, so {file.name} was written but not replayed: pip install "fpjax[mujoco]".'
@@ -123,6 +127,19 @@ def _export(model: Model, folder: str | os.PathLike[str], log: Log | None, targe
     }
     costs = {left.name: _cost(model, left, reference, log, record, ours, tracked) for left in body.leftovers}
     return ExportedBody(file, body, against, errors, costs, tracked, tuple(notes))
+
+
+def _not_si(model: Model, file: str, target: str) -> str:
+    """The sentence on a model whose torque is in units of a label."""
+    units = model.units
+    force = "N" if model.linear else "N m"
+    return (
+        f"Inertia, friction and damping in {file} are in units of {units.torque}, as the torque of the model is "
+        f"({units.name('kg m^2')} for the inertia), but {target} takes SI: the machine moves as it does here when "
+        f"it is driven with {units.torque}, and it is wrong beside bodies and forces in SI. With a torque constant "
+        f"[{force}/{units.torque}], multiply all torques, inertias, friction, stiffness and gains of the model by it, "
+        f'and write [units] torque = "{force}".'
+    )
 
 
 def _record(model: Model, log: Log | None) -> tuple[dict[str, np.ndarray], np.ndarray, Any, str]:
@@ -167,5 +184,6 @@ def _cost(
     loop = left.without(model.loop)
     state = loop.init() if log is None else initial_state(dataclasses.replace(model, loop=loop), log)
     name = tracked if tracked in record else "torque"
+    model = dataclasses.replace(model, solver=left.solver or model.solver)
     found = _simulated(model, loop, reference, state)[name]
     return rms(found - record[name]) - rms(ours[name] - record[name])

@@ -52,7 +52,7 @@ def write_c(law: Law, name: str, units: Units, origin: str) -> Code:
     Raises:
         InputError: for a name that is not an identifier of C.
     """
-    if not re.fullmatch(r"[A-Za-z_]\w{0,40}", name):
+    if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]{0,40}", name):
         raise InputError(f'--name "{name}" is not a C identifier: use letters, digits and _, and begin with a letter.')
     body = _Body(law)
     libm = tuple(sorted(body.libm))

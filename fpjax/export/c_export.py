@@ -4,13 +4,16 @@ import dataclasses
 import os
 import pathlib
 import re
+import unicodedata
+
+import numpy as np
 
 from ..blocks.observers import NoObserver
 from ..blocks.references import AbstractReference, Sine
 from ..errors import InputError
 from ..model_file import Model, load_model
 from ..output.runfile import made_folder, write_whole
-from .c_code import Code, write_c
+from .c_code import Code, unit_of, write_c
 from .c_test import EMBEDDED, test_program, vector_file, vector_header
 from .check import Checked, check_c, failures, find_compiler
 from .cost import Cost, estimate_cost
@@ -107,13 +110,16 @@ def export_c(
     if check:
         files += _write(folder, {f"{code.name}_vectors.bin": vector_file(vectors)})
         checked = check_c(law, code, folder)
-        wrong = failures(checked)
+        wrong = failures(checked, {output: unit_of(output, model.units) for output in law.outputs})
         if wrong:
             raise InputError(
                 f"{code.name}_control.c does not agree with the simulation: {'; '.join(wrong)}. Please report it with "
                 "the model."
             )
-    bounds = dict(zip(law.outputs, map(float, vectors.bounds.max(axis=0)), strict=True))
+    most = vectors.bounds.max(axis=0)
+    # an output that is always zero has the last place of the smallest normal number in the vectors: no bound to tell
+    most = np.where(most < np.finfo(law.dtype).tiny, 0.0, most)
+    bounds = dict(zip(law.outputs, map(float, most), strict=True))
     # a bound needs finite slopes along the run, which sign(w) does not have where the velocity changes its sign
     unbounded = [output for output, bound in bounds.items() if not bound < float("inf")]
     if check and unbounded:
@@ -141,7 +147,9 @@ def _write(folder: pathlib.Path, texts: dict[str, str] | dict[str, bytes]) -> li
 
 
 def _word(model: Model) -> str:
-    stem = re.sub(r"\W", "_", model.path.stem) if model.path else "servo"
+    # C99 leaves other letters in identifiers to the compiler: an accent is dropped, anything else becomes _
+    plain = unicodedata.normalize("NFKD", model.path.stem) if model.path else "servo"
+    stem = re.sub(r"[^A-Za-z0-9_]", "_", "".join(letter for letter in plain if not unicodedata.combining(letter)))
     return stem if re.match(r"[A-Za-z_]", stem) else f"servo_{stem}"
 
 

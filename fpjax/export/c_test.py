@@ -14,7 +14,8 @@ _PROGRAM = """\
  * @_vectors.h. Each row: inputs, state, outputs, next state, their last places, the simulated run, its bounds.
  *
  * step: the largest difference of one step from the simulation's state, in units in the last place of its largest term
- * run:  the largest difference of a run left to itself, and that over its bound
+ * run:  the largest difference of a run left to itself; the largest ratio of a difference to its bound, and that
+ *       difference and its row
  */
 #include "@_control.h"
 #include "@_vectors.h"
@@ -30,7 +31,8 @@ _PROGRAM = """\
 #define MOST {ulps}
 
 static const char *const names[OUTPUTS + STATES] = {{{names}}};
-static double step_worst[OUTPUTS + STATES], run_worst[OUTPUTS], run_ratio[OUTPUTS];
+static double step_worst[OUTPUTS + STATES], run_worst[OUTPUTS], run_ratio[OUTPUTS], run_there[OUTPUTS];
+static long run_row[OUTPUTS];
 static double sum;
 
 static double apart(double a, double b)
@@ -48,7 +50,7 @@ static void read_output(const @_output *out, double *values)
 {read_output}
 }}
 
-static void check(const double *row, @_state *running)
+static void check(const double *row, long number, @_state *running)
 {{
     const double *states = row + INPUTS;
     const double *outputs = states + STATES, *ulps = outputs + OUTPUTS + STATES;
@@ -76,7 +78,11 @@ static void check(const double *row, @_state *running)
         const double difference = apart(values[i], simulated[i]);
         const double ratio = difference > 0.0 ? difference / bounds[i] : 0.0;
         run_worst[i] = difference > run_worst[i] ? difference : run_worst[i];
-        run_ratio[i] = ratio <= run_ratio[i] ? run_ratio[i] : ratio;
+        if (!(ratio <= run_ratio[i])) {{
+            run_ratio[i] = ratio;
+            run_there[i] = difference;
+            run_row[i] = number;
+        }}
     }}
 }}
 
@@ -98,18 +104,19 @@ int main(int argc, char **argv)
             return 2;
         }}
         for (; fread(row, sizeof row, 1, file) == 1; rows++)
-            check(row, &running);
+            check(row, rows, &running);
         fclose(file);
     }} else {{
         for (; rows < @_ROWS; rows++)
-            check(@_rows[rows], &running);
+            check(@_rows[rows], rows, &running);
     }}
     for (i = 0; i < OUTPUTS + STATES; i++) {{
         const int run = i < OUTPUTS;
         failed |= !(step_worst[i] <= MOST) || (run && !(run_ratio[i] <= 1.0));
         printf("%s step %.17g", names[i], step_worst[i]);
         if (run)
-            printf(" run %.17g of bound %.17g", run_worst[i], run_ratio[i]);
+            printf(" run %.17g of bound %.17g by %.17g in row %ld", run_worst[i], run_ratio[i], run_there[i],
+                   run_row[i]);
         printf("\\n");
     }}
     @_reset(&timed);

@@ -162,7 +162,7 @@ def _word(first: str, path: PyTree) -> str:
     parts = [first]
     for entry in path:
         part = getattr(entry, "name", getattr(entry, "idx", getattr(entry, "key", entry)))
-        parts.append(re.sub(r"\W", "_", str(part)))
+        parts.append(re.sub(r"\W", "_", str(part), flags=re.ASCII))
     return "_".join(parts)
 
 

@@ -11,6 +11,7 @@ from ..blocks.plants.masses import OneMassState, SeriesTwoMassState
 from ..blocks.signals import PlantOutput
 from ..errors import InputError
 from ..simulation.loop import ClosedLoop
+from ..simulation.scan import after_last
 
 
 def find_mujoco() -> Any:
@@ -83,9 +84,7 @@ def replay_mujoco(
         return made.memory, sensor, (made.torque, measurement.velocity, measurement.position)
 
     shown = np.empty((len(reference), 3))
-    # The sample after the last: a position goes on at its last rate, a velocity stays.
-    after = 2.0 * reference[-1] - reference[-2] if loop.controller.follows_position else reference[-1]
-    following = np.append(reference[1:], after)
+    following = np.append(reference[1:], after_last(loop.controller, reference))
     for sample, asked in enumerate(reference):
         motion = data.qvel.copy(), data.qpos.copy()
         memory, sensor, signals = control(memory, sensor, *motion, asked, following[sample])

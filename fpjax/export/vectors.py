@@ -6,13 +6,16 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import PyTree
+from jaxtyping import Array, PyTree
+from numpy.typing import DTypeLike
 
 from ..blocks.references import AbstractReference, Recorded
+from ..blocks.sensors import AbstractSensor
+from ..blocks.signals import Measurement, PlantOutput
 from ..errors import InputError
 from ..simulation.loop import ClosedLoop
 from ..simulation.run import simulate
-from ..simulation.scan import astype
+from ..simulation.scan import astype, make_inputs, make_stepper
 from ..simulation.solvers import AbstractPlantSolver
 from .law import INPUTS, Law, double_enabled, memory_at_rest, run
 from .rounding import Trace, run_bound
@@ -51,6 +54,33 @@ class Vectors:
         return np.hstack([getattr(self, field.name) for field in dataclasses.fields(self)])
 
 
+class _Normal(AbstractSensor):
+    """A sensor without noise; a reading below the smallest normal number of the law's precision is zero.
+
+    A filtered velocity at rest decays to there, and what is zero in one precision has a sign in the other.
+
+    Attributes:
+        sensor: what reads.
+        smallest: the smallest normal number [the readings' units] (static).
+    """
+
+    sensor: AbstractSensor
+    smallest: float = eqx.field(static=True)
+
+    def init(self) -> PyTree:
+        """The state of the sensor inside."""
+        return self.sensor.init()
+
+    def step(
+        self, state: PyTree, output: PlantOutput, noise: tuple[Array, ...], dt: Array
+    ) -> tuple[PyTree, Measurement]:
+        """The reading of the sensor inside, or zero."""
+        del noise
+        silent = tuple(jnp.zeros_like(dt) for _ in range(self.sensor.noise_channels))
+        state, read = self.sensor.step(state, output, silent, dt)
+        return state, jax.tree.map(lambda each: jnp.where(jnp.abs(each) < self.smallest, 0.0, each), read)
+
+
 def make_vectors(
     law: Law,
     reference: AbstractReference,
@@ -75,6 +105,7 @@ def make_vectors(
     """
     with double_enabled():
         exact = astype(law.loop if loop is None else loop, np.float64)
+        exact = dataclasses.replace(exact, sensor=_Normal(exact.sensor, float(np.finfo(law.dtype).tiny)))
         estimates = [f"estimates.{name.removesuffix('_estimate')}" for name in law.outputs[3:]]
         outputs = ("torque", "control", "compensation", *estimates)
         read = ("reference", "measured_velocity", "measured_position")
@@ -83,7 +114,9 @@ def make_vectors(
         if ahead:
             # The law reads r_k+1 now and as r_k in the next step. A formula evaluated for both may differ in the last
             # bit; a table does not.
-            table = np.asarray(reference.readout(jnp.asarray(law.dt * np.arange(samples + 1))), float)
+            stepper = make_stepper(dt=law.dt, samples=samples, solver=solver, stepping="sampled", substeps=substeps)
+            now, following = make_inputs(exact, reference, stepper).references
+            table = np.append(now, following[-1])
             reference = Recorded(table, law.dt)
         found = simulate(
             exact, reference, dt=law.dt, samples=samples, stepping="sampled", solver=solver,
@@ -102,9 +135,7 @@ def make_vectors(
         states, answers, following = _stepped(law, inputs)
         trace = Trace(law.program, np.hstack([inputs.astype(float), states]))
         unit = UNITS[law.precision]
-        # No smaller than the spacing at the smallest normal number: below it one unit in the last place is no
-        # measure.
-        ulps = np.spacing(np.maximum(trace.term_sizes(), np.finfo(law.dtype).tiny).astype(law.dtype)).astype(float)
+        ulps = _last_places(trace.term_sizes(), law.dtype)
         bounds = run_bound(trace, len(law.inputs), (unit, UNITS["double"]), law.precision == "float")
     count = len(law.outputs)
     simulated = np.stack([signals[name] for name in outputs], axis=1)
@@ -113,6 +144,17 @@ def make_vectors(
     return Vectors(
         inputs.astype(float), states, answers, following, ulps[:, :count], ulps[:, count:], simulated, bounds
     )
+
+
+def _last_places(sizes: np.ndarray, dtype: DTypeLike) -> np.ndarray:
+    """The last place of every size, shape (samples, columns).
+
+    A size that is less than the rounding of the column's largest one is taken for that rounding: a filtered velocity at
+    rest decays into the subnormal numbers, which XLA replaces by zero and C does not.
+    """
+    limits = np.finfo(dtype)
+    largest = np.max(np.where(np.isfinite(sizes), sizes, 0.0), axis=0)
+    return np.spacing(np.maximum(sizes, np.maximum(limits.eps * largest, limits.tiny)).astype(dtype)).astype(float)
 
 
 def _stepped(law: Law, inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

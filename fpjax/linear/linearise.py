@@ -87,7 +87,8 @@ def linearise(
         reference: r at a given state [rad/s or rad]; where `at` is a speed, r follows from it.
 
     Raises:
-        InputError: where the loop does not settle at that speed, or a state comes without its reference.
+        InputError: where the loop does not settle at that speed, friction holds the machine at rest, or a state comes
+            without its reference.
     """
     if stepping not in ("sampled", "continuous"):
         raise InputError(f'stepping = {stepping!r} is not known: choose "continuous" or "sampled".')
@@ -108,7 +109,7 @@ def _linearised(
     loop = eqx.tree_at(lambda each: each.sensor, loop, _unrounded(loop.sensor))
     if stepping == "sampled":
         loop = with_histories(loop, dt)
-    position = loop.controller.follows_position
+    position, zero = loop.controller.follows_position, jnp.zeros(())
     if isinstance(at, int | float):
         if not np.isfinite(at):
             raise InputError(f"at = {at:g} rad/s is not a speed: give a finite one.")
@@ -118,7 +119,7 @@ def _linearised(
         if reference is None:
             raise InputError("A state needs its reference too: give reference= [rad/s] (or [rad] for a position loop).")
         state, value = with_history(at, loop), float(reference)
-        output = loop.plant.readout(state.plant, jnp.zeros(()), jnp.zeros(()))
+        output = loop.plant.readout(state.plant, zero, zero)
         speed = float(output.velocity)
     if stepping == "sampled":
         state = loop.sampled(state)
@@ -148,6 +149,11 @@ def _linearised(
         raise InputError(
             f"The loop has no tangent at {speed:g} rad/s (a slope there is infinite): choose another speed."
         )
+    if not _moves(a, b[:, 1], c[0], d[0, 1]) and float(loop.plant.readout(state.plant, zero, zero).velocity) == 0.0:
+        raise InputError(
+            f"The machine rests at {speed:g} rad/s: friction holds it, and no small torque moves it, so there are no "
+            f"margins: choose a speed at which it moves (--at 0.5, linearise(0.5))."
+        )
     period = dt if stepping == "sampled" else None
     outputs = ("velocity", "position", "torque")
     whole = StateSpace(a, b, c, d, period, ("reference", "disturbance"), outputs)
@@ -156,6 +162,14 @@ def _linearised(
     answer = c[2:3]
     ratio = StateSpace(a - b[:, 1:2] @ answer, b[:, 1:2], -answer, np.zeros((1, 1)), period, ("torque",), ("return",))
     return LinearLoop(whole, ratio, "position" if position else "velocity", speed)
+
+
+def _moves(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: float) -> bool:
+    """Whether the output c x + d u answers the input u of x+ = a x + b u (or dx/dt) at all, sooner or later."""
+    found = d != 0.0
+    for _ in range(len(b)):  # as many powers of a as it has rows: the others are sums of these (Cayley, Hamilton)
+        found, b = found or bool(np.any(c @ b != 0.0)), a @ b
+    return found
 
 
 def _unrounded(sensor: AbstractSensor) -> AbstractSensor:

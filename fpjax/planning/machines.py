@@ -182,12 +182,13 @@ def detectable(shop: Shop, effect: Effect) -> Variant:
 
 
 def reported(variant: Variant, shop: Shop) -> dict[str, Estimate]:
-    """A variant's parameters by the names of `diagnosis.json`."""
+    """A variant's parameters by the names of `diagnosis.json`, with the units of the shop's model."""
     assert variant.effect is not None
     family = shop.family(variant.structure)
     values = family.neutral_values(shop.setting) | dict(variant.values)
     found = variant.effect.describe(values, shop.setting)
-    return {name: Estimate(value, value, value, unit) for name, (value, unit) in found.items()}
+    units = shop.model.units
+    return {name: Estimate(value, value, value, units.name(unit)) for name, (value, unit) in found.items()}
 
 
 def rival(shop: Shop, name: str, told: Mapping[str, float]) -> Variant | None:

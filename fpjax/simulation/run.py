@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ..blocks.controllers import TransferFunction
 from ..blocks.references import AbstractReference
@@ -19,6 +19,7 @@ from ..errors import DivergedError, InputError
 from ..output.drawable import Drawable
 from ..output.json_object import JsonObject
 from ..output.run_picture import About
+from .divergence import LARGEST, in_proportion
 from .histories import with_histories, with_history
 from .input_checks import check_frequency
 from .loop import ClosedLoop, LoopState
@@ -43,7 +44,8 @@ class Status(IntEnum):
 
 SENTENCES = {
     Status.COMPLETED: "completed",
-    Status.DIVERGED: "diverged: a signal left the range of finite numbers; use smaller gains or a smaller step",
+    Status.DIVERGED: "diverged: a signal left the range of finite numbers, or grew out of all proportion to torque and "
+    "reference; use smaller gains or a smaller step",
 }
 
 
@@ -70,7 +72,7 @@ class Run(Drawable, eqx.Module):
 
     @property
     def diverged(self) -> bool:
-        """Whether the run left the range of finite numbers."""
+        """Whether the run left the range of finite numbers, or all proportion to its torque and reference."""
         return int(self.status) == Status.DIVERGED
 
     @property
@@ -253,15 +255,22 @@ def _run(
         return roll(loop, inputs, stepper, measures, record, initial)
 
     finals, recorded, state = native(scan)(dynamic)
-    return Run(inputs.time, recorded, finals, run_status(finals, state), state)
+    status = run_status(finals, state, in_proportion(loop.controller, recorded))
+    return Run(inputs.time, recorded, finals, status, state)
 
 
-def run_status(finals: dict[str, Array], state: LoopState) -> Int[Array, ""]:
-    """`Status` of a run: diverged where a final state is not finite or beyond 1e15, or a measure is NaN."""
+def run_status(finals: dict[str, Array], state: LoopState, whole: Bool[Array, "..."]) -> Int[Array, ""]:
+    """`Status` of a run: diverged where a final state is not finite or beyond 1e15, a measure is NaN, or by proportion.
+
+    Args:
+        finals: measures by name.
+        state: one step after the last sample.
+        whole: by sample, from `in_proportion`.
+    """
     leaves = [leaf for leaf in jax.tree.leaves(state) if eqx.is_inexact_array(leaf)]  # integers cannot diverge
-    healthy = jnp.array(True)
+    healthy = jnp.all(whole)
     for leaf in leaves:
-        healthy = healthy & jnp.all(jnp.abs(leaf) < 1e15)
+        healthy = healthy & jnp.all(jnp.abs(leaf) < LARGEST)
     for value in finals.values():
         healthy = healthy & jnp.all(~jnp.isnan(value))  # a measure may be infinite: a time of something that never was
     return jnp.where(healthy, int(Status.COMPLETED), int(Status.DIVERGED))

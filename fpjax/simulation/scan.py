@@ -11,7 +11,7 @@ from jaxtyping import Array, Float, PyTree
 
 from ..blocks.block import as_parameter
 from ..blocks.controllers import AbstractController
-from ..blocks.references import AbstractReference
+from ..blocks.references import AbstractReference, Recorded
 from ..blocks.signals import Signals
 from ..compiled.native import scan_loop
 from ..errors import InputError
@@ -136,6 +136,8 @@ def make_inputs(loop: ClosedLoop, reference: AbstractReference, stepper: Stepper
     if isinstance(solver, AbstractSolver) and stepper.stepping == "continuous":
         nodes = solver.nodes
     references = tuple(reference.readout(time + node * dt).astype(dtype) for node in nodes)
+    if stepper.stepping == "sampled" and loop.controller.looks_ahead:
+        references = (references[0], _past_the_end(loop.controller, reference, time[-1], dt, *references))
     channels = loop.sensor.noise_channels
     if key is None:
         noise = tuple(jnp.zeros(stepper.samples, dtype) for _ in range(channels))
@@ -145,7 +147,7 @@ def make_inputs(loop: ClosedLoop, reference: AbstractReference, stepper: Stepper
 
 
 def sampled_tables(controller: AbstractController, reference: Array) -> tuple[Array, ...]:
-    """`Inputs.references` from a table with one value per sample; beyond its end a position goes on at its last rate.
+    """`Inputs.references` from a table with one value per sample.
 
     Args:
         controller: whose need of the next sample decides.
@@ -153,11 +155,36 @@ def sampled_tables(controller: AbstractController, reference: Array) -> tuple[Ar
     """
     if not controller.looks_ahead:
         return (reference,)
-    # A position that stopped within one sample would mean an enormous deceleration to a feed-forward.
-    # a velocity reference is held at its last value, a position goes on at its last rate
+    return reference, jnp.append(reference[1:], after_last(controller, reference))
+
+
+def after_last(controller: AbstractController, reference: Any) -> Any:
+    """The sample after the last of a table: a position goes on at its last rate, a velocity keeps its last value.
+
+    A position that stopped within one sample would mean an enormous deceleration to a feed-forward.
+
+    Args:
+        controller: tells which of the two the reference is.
+        reference: r [rad/s], or [rad] for a position loop, shape (samples,).
+
+    Returns:
+        A number of the table's kind, shape ().
+    """
     moving = controller.follows_position and reference.shape[0] > 1
-    after = 2.0 * reference[-1] - reference[-2] if moving else reference[-1]
-    return reference, jnp.append(reference[1:], after)
+    return 2.0 * reference[-1] - reference[-2] if moving else reference[-1]
+
+
+def _past_the_end(
+    controller: AbstractController, reference: AbstractReference, last: Array, dt: Array, now: Array, following: Array
+) -> Array:
+    """The table of the next samples, which for a recording that ends with the run goes on as in `after_last`.
+
+    A run that is longer than its recording follows the stop at the recording's end, as written.
+    """
+    if not isinstance(reference, Recorded) or not controller.follows_position:
+        return following
+    after = jnp.where(reference.ends_between(last, last + dt), after_last(controller, now), following[-1])
+    return following.at[-1].set(after)
 
 
 def roll(

@@ -2,9 +2,15 @@
 
 import json
 import os
+import shutil
 
+import jax.numpy as jnp
+import numpy as np
 import pytest
 from cli_case import SERVO, refuse, run
+
+import fpjax
+from fpjax.simulation.divergence import in_proportion
 
 
 def test_an_unwritable_out_is_found_before_anything_is_computed(servo, tmp_path, capsys):
@@ -55,6 +61,79 @@ def test_gains_at_which_the_loop_blows_up(servo, tmp_path, capsys):
     assert (tmp_path / "out" / "simulation.csv").exists()
     assert json.loads((tmp_path / "out" / "run.json").read_text())["status"] == "bad input"
     refuse(capsys, "tune", servo, "--max-simulations", 12, match="Every start diverges")
+
+
+UNSTABLE_OBSERVER = """
+[plant]
+type = "two_mass"
+motor_inertia = 0.01
+load_inertia = 0.02
+stiffness = 50.0
+damping = 0.02
+[friction]
+type = "stribeck"
+coulomb = 0.2
+static = 0.3
+stribeck_velocity = 0.1
+viscous = 0.02
+steepness = 100.0
+[controller]
+type = "pi"
+kp = 0.3
+ki = 1.0
+limit = 1.0
+[observer]
+type = "efp"
+gain_1 = 0.5
+gain_2 = 2.0
+high_order = true
+[sensor]
+step = 0.01
+side = "motor"
+delay = 0.0015
+[actuator]
+delay = 0.001
+lag = 0.002
+[reference]
+type = "sine"
+amplitude = 2.0
+frequency = 1.0
+[simulation]
+dt = 1e-3
+duration = 2.7
+stepping = "sampled"
+substeps = 8
+"""
+
+
+def test_an_observer_that_diverges_behind_a_limit_of_the_torque_is_told(tmp_path, capsys):
+    """Estimates of 1e12 N m under a torque of 1 N m are finite numbers, and a diverged run all the same."""
+    path = tmp_path / "servo.toml"
+    path.write_text(UNSTABLE_OBSERVER)
+    refuse(capsys, "simulate", path, "--no-plots", match="The loop diverges at t = 2.4")
+    if shutil.which("cc"):
+        refuse(capsys, "export", path, "--c", tmp_path / "c", "--check", match="The sampled loop diverges")
+    model = fpjax.load_model(path)
+    run = fpjax.simulate(model)
+    assert run.diverged
+    assert "out of all proportion" in run.message
+    assert not fpjax.simulate(model, duration=1.5).diverged
+
+
+@pytest.mark.parametrize(
+    ("signals", "healthy"),
+    [
+        ({"torque": [0.0, 1.0], "compensation": [0.0, 1e10]}, [True, False]),
+        ({"torque": [0.0, 0.0], "compensation": [0.0, 1e10]}, [True, True]),  # nothing to hold it against
+        ({"reference": [1e-3, 0.0], "velocity": [1e7, 1.0]}, [False, True]),
+        ({"reference": [1e-3, 0.0], "position": [1e7, 1.0]}, True),  # of a velocity loop: it goes on and on
+        ({"reference": [0.0, 0.0], "velocity": [1e7, 1.0]}, [True, True]),
+        ({"torque": [1.0, 1.0], "control": [0.0, float("nan")]}, [True, False]),
+    ],
+)
+def test_a_run_is_held_against_its_own_torque_and_reference(signals, healthy):
+    found = in_proportion(fpjax.Proportional(1.0), {name: jnp.asarray(values) for name, values in signals.items()})
+    assert np.array_equal(found, healthy)
 
 
 def test_bad_logs_in_every_command_that_takes_one(servo, log, tmp_path, capsys):

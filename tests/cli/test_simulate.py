@@ -10,6 +10,8 @@ from public_records import EMPS, needs_emps
 import fpjax
 from fpjax import load_model, read_log
 from fpjax.cli.measures import settling_time
+from fpjax.gap.answer.tracking import made_torque
+from fpjax.gap.data.record import make_records
 
 
 def test_simulate_leaves_a_log_that_reads_back(servo, tmp_path, capsys):
@@ -143,6 +145,59 @@ def test_a_replay_of_the_models_own_log_is_exact(servo, log, tmp_path, capsys):
     assert (out / "replay.png").stat().st_size > 10_000
     assert run("simulate", servo, "--log", log, "--set", "plant.friction.coulomb=25") == 0
     assert "velocity" in capsys.readouterr().out
+
+
+POSITION = """
+[units]
+reference = "position"
+sensors = "position"
+[plant]
+type = "one_mass"
+inertia = 0.02
+[friction]
+type = "coulomb_viscous"
+coulomb = 0.3
+viscous = 0.05
+[controller]
+type = "position_cascade"
+kp = 20.0
+kv = 1.0
+[feedforward]
+velocity = 1.0
+inertia = 0.02
+coulomb = 0.3
+viscous = 0.05
+speed = 0.1
+[reference]
+type = "sine"
+amplitude = 1.0
+frequency = 1.0
+[simulation]
+dt = 1e-3
+duration = 0.5
+stepping = "sampled"
+solver = "exact"
+"""
+
+
+def test_a_position_table_does_not_stop_within_its_last_period(tmp_path):
+    """A reference held after its last row would be a stop from full speed: 128 N m of feed-forward, 0.6 before."""
+    path, out, again, followed = (tmp_path / name for name in ("servo.toml", "out", "again", "followed"))
+    path.write_text(POSITION)
+    assert run("simulate", path, "--out", out, "--no-plots") == 0
+    log = out / "simulation.csv"
+    assert run("simulate", path, "--log", log, "--out", again, "--no-plots") == 0
+    assert json.loads((again / "replay.json").read_text())["errors"]["torque"]["relative"] < 1e-4
+    record = make_records([read_log(log)], [], 0.05)[0]
+    assert made_torque(load_model(path), record)[0] < 1e-3
+    recorded = POSITION.replace('"sine"\namplitude = 1.0\nfrequency = 1.0', f'"recorded"\nfile = "{log}"')
+    path.write_text(recorded)
+    assert run("simulate", path, "--out", followed, "--no-plots") == 0
+    torque = read_signal(followed / "simulation.csv", "torque")
+    np.testing.assert_allclose(torque, read_signal(log, "torque"), atol=1e-3)
+    # beyond the recording's end the machine is to stop, as the model says
+    assert run("simulate", path, "--out", followed, "--no-plots", "--duration", 0.51) == 0
+    assert np.abs(read_signal(followed / "simulation.csv", "torque")).max() > 10.0
 
 
 @needs_emps

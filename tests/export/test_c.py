@@ -1,5 +1,6 @@
 """The C of a control law is the simulation: every controller and observer, compiled by the machine's compiler."""
 
+import dataclasses
 import shutil
 import subprocess
 import warnings
@@ -15,7 +16,7 @@ from catalogue_drive import CONTROLLERS, OBSERVERS
 
 import fpjax as fp
 from fpjax.blocks.block import as_parameter
-from fpjax.export.check import FLAGS
+from fpjax.export.check import FLAGS, check_c, failures, find_compiler
 from fpjax.export.rounding import Trace, run_bound
 from fpjax.export.vectors import ULPS
 
@@ -124,6 +125,35 @@ def test_the_check_fails_where_the_c_is_not_the_simulation(tmp_path):
     # The embedded rows judge alike, for a target without a file system.
     assert subprocess.run([changed], capture_output=True, timeout=60).returncode == 1
     assert found.checked.passed
+    # what is told of the run is of one sample: the difference there, over the bound there
+    again = check_c(found.law, found.code, tmp_path)
+    apart, sample = again.nearest["torque"]
+    bound = np.fromfile(tmp_path / "servo_vectors.bin").reshape(501, -1)[sample, -len(found.law.outputs)]
+    assert apart / bound == pytest.approx(again.bounds["torque"])
+    assert f"torque by {apart:.3g} N m in the run's sample {sample} (" in "; ".join(
+        failures(again, dict.fromkeys(found.law.outputs, "N m"))
+    )
+
+
+@pytest.mark.parametrize("precision", ["double", "float"])
+@pytest.mark.parametrize("steepness", [80.0, None])
+def test_a_filtered_velocity_may_decay_to_nothing(steepness, precision, tmp_path):
+    """At rest it halves and halves: XLA makes zero of what is subnormal, C does not, and neither is wrong by that."""
+    moving = np.minimum(np.arange(2001) * DT, 0.1)
+    loop = fp.ClosedLoop(
+        fp.OneMass(0.02, fp.CoulombViscous(0.3, 0.05)),
+        fp.PositionLoop(20.0, fp.ProportionalIntegral(1.0, 5.0)),
+        fp.ClassicalFriedlandPark(0.02, fp.LogCosh(1.0, 80.0), 0.05, steepness),
+        sensor=fp.Encoder(3e-4, filter_time=1e-3),
+    )
+    model = fp.Model(loop=loop, reference=fp.Recorded(moving, DT), dt=DT, stepping="sampled", solver="exact")
+    made = fp.export_c(model, tmp_path, check=True, precision=precision, duration=2.0)
+    assert made.checked.passed
+
+
+def test_an_output_that_is_always_zero_has_no_bound_to_tell(tmp_path):
+    loop = fp.ClosedLoop(fp.OneMass(10.0, fp.Viscous(2.0)), fp.ProportionalIntegral(150.0, 200.0))
+    assert exported(loop, fp.Sine(1.0, 1.0), tmp_path, duration=0.1).bounds["compensation"] == 0.0
 
 
 def test_gains_keep_their_names_units_and_values(tmp_path):
@@ -202,6 +232,25 @@ def test_bad_input_is_one_sentence(tmp_path, monkeypatch):
         fp.export_c(model, tmp_path, check=True)
     names = {"servo_control.h", "servo_control.c", "servo_test.c", "servo_vectors.h"}
     assert names <= {path.name for path in tmp_path.iterdir()}, "written, unchecked"
+
+
+def test_cc_may_hold_flags_and_is_not_replaced_silently(tmp_path, monkeypatch):
+    loop = fp.ClosedLoop(fp.OneMass(10.0, fp.Viscous(2.0)), fp.ProportionalIntegral(150.0, 200.0))
+    monkeypatch.setenv("CC", "cc -DNOTHING")
+    assert find_compiler() == [shutil.which("cc"), "-DNOTHING"]
+    assert exported(loop, fp.Sine(1.0, 1.0), tmp_path, duration=0.1).checked.passed
+    monkeypatch.setenv("CC", "nocc -m32")
+    with pytest.raises(fp.InputError, match=r"CC = 'nocc -m32' names no program"):
+        exported(loop, fp.Sine(1.0, 1.0), tmp_path, duration=0.1)
+
+
+def test_names_in_c_are_ascii(tmp_path):
+    path = tmp_path / "mödel ñ 1.toml"
+    loop = fp.ClosedLoop(fp.OneMass(10.0, fp.Viscous(2.0)), fp.ProportionalIntegral(150.0, 200.0))
+    made = fp.export_c(dataclasses.replace(model_of(loop, fp.Sine(1.0, 1.0)), path=path), tmp_path)
+    assert made.code.name == "model_n_1"
+    with pytest.raises(fp.InputError, match="is not a C identifier"):
+        fp.export_c(model_of(loop, fp.Sine(1.0, 1.0)), tmp_path, name="mödel")
 
 
 def test_python_in_single_precision_exports_double_all_the_same(tmp_path):

@@ -7,7 +7,7 @@ import improve_case as case
 import numpy as np
 import pytest
 
-from fpjax.cli import main
+from fpjax.cli import improve, main
 
 
 def write(folder, *, more="", reference=True, controller=True):
@@ -57,6 +57,24 @@ def test_what_cannot_be_is_one_sentence_and_exit_code_2(tmp_path, capsys, words,
     assert "Traceback" not in complaint
     assert complaint.strip().count("\n") <= 2
     assert not (tmp_path / "out" / "improve.json").exists()
+
+
+def test_another_runs_diagnosis_does_not_stay_beside_the_new_gains(tmp_path):
+    out, own = tmp_path / "out", ("diagnosis.json", "corrected.toml", "posterior.npz", "diagnosed.json")
+    out.mkdir()
+    found = types.SimpleNamespace(notes=(), to_dict=dict, model="[simulation]\n[reference]\n")
+
+    def written(given):
+        for name in own:
+            (out / name).write_text("of an earlier run")
+        record = types.SimpleNamespace(folder=out, notes=[], outputs=[], path=lambda name: out / name)
+        improve._write(found, case.log(), record, types.SimpleNamespace(diagnosis=given, no_report=True))
+        return {path.name for path in out.iterdir()}
+
+    assert written(str(tmp_path / "other")) == {"improve.json", "tuned.toml"}
+    # its own diagnosis, made in this run or given by its folder, stays
+    assert set(own) < written(None)
+    assert set(own) < written(str(out))
 
 
 @pytest.mark.long

@@ -174,6 +174,18 @@ def test_what_cannot_be_linearised_is_said():
         loop().linearise(1.0, dt=0.0)
 
 
+@pytest.mark.parametrize("controller", [None, fp.PositionLoop(20.0, fp.ProportionalIntegral(KP, KI))])
+def test_a_machine_that_friction_holds_has_no_margins(controller):
+    stuck = loop(controller=controller, law=fp.CoulombViscous(20.0, B))
+    with pytest.raises(fp.InputError, match=r"rests at 0 rad/s.*choose a speed at which it moves"):
+        stuck.linearise(0.0, dt=DT, solver="exact")
+    assert stuck.linearise(0.5, dt=DT, solver="exact").margins().stable
+    # at rest without Coulomb friction, or with a smooth one, every torque moves it
+    assert loop(controller=controller, law=fp.Viscous(B)).linearise(0.0, dt=DT, solver="exact").margins().stable
+    smooth = loop(controller=controller, law=fp.CoulombViscous(20.0, B, 400.0))
+    assert smooth.linearise(0.0, dt=DT).margins().stable
+
+
 def test_the_picture_shows_bode_and_step(tmp_path):
     figure = loop().linearise(1.0, dt=DT).plot(tmp_path / "margins.png")
     assert (tmp_path / "margins.png").stat().st_size > 10_000

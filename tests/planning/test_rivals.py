@@ -6,9 +6,9 @@ import math
 import re
 
 import pytest
-from plan_case import LIMITS, ranking, servo
+from plan_case import LIMITS, ranking, servo, servo_text
 
-from fpjax import InputError, plan
+from fpjax import InputError, load_model, plan
 from fpjax.gap.effects.parameters import HARDENING
 from fpjax.planning.machines import detectable, make_shop, reported, rival
 from fpjax.planning.rivals import (
@@ -44,6 +44,13 @@ def test_a_rival_has_the_parameters_that_the_diagnosis_reported():
         found = {name: one.value for name, one in reported(again, shop).items()}
         for name, value in told.items():
             assert abs(found[name]) == pytest.approx(abs(value), rel=1e-6, abs=1e-12), (effect.name, name)
+
+
+def test_what_a_run_shows_on_a_linear_axis_has_linear_units():
+    shop = shop_of(load_model(servo_text().replace("[units]", '[units]\nmotion = "linear"')))
+    units = {one.unit for effect in shop.effects() for one in reported(detectable(shop, effect), shop).values()}
+    assert {"N", "kg", "N s/m"} <= units
+    assert not any(word in unit for unit in units for word in ("N m", "/rad", "rad/s", "1/rev"))
 
 
 def test_a_shaft_that_hardens_is_planned_for_by_its_line():

@@ -138,9 +138,13 @@ def test_workers_that_do_not_see_the_folder_send_their_chunks(cluster, tmp_path,
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_a_scheduler_that_does_not_answer_is_said_so(monkeypatch):
+def test_a_scheduler_that_does_not_answer_is_said_so(tmp_path, monkeypatch):
     from tuning import cluster as module
 
     monkeypatch.setattr(module, "TIMEOUT", "1s")
     with pytest.raises(InputError, match="No Dask scheduler answers"):
-        tuning.sweep(efp(150.0), SINE, scheduler="tcp://127.0.0.1:9", **COMMON)
+        tuning.sweep(efp(150.0), SINE, scheduler="tcp://127.0.0.1:9", out=tmp_path, **COMMON)
+    # nothing was computed, so the folder is not one of a sweep to resume
+    assert not (tmp_path / "sweep.json").exists()
+    with pytest.raises(InputError, match="No Dask scheduler answers"):
+        tuning.sweep(efp(150.0), SINE, scheduler="tcp://127.0.0.1:9", out=tmp_path, **COMMON)

@@ -23,7 +23,7 @@ from ...model_file import Model
 from ...simulation.loop import ClosedLoop, Period
 from ...simulation.precision import double_precision
 from ...simulation.run import simulate
-from ...simulation.scan import astype
+from ...simulation.scan import after_last, astype
 from ..data.channel import Channel
 from ..data.record import Record
 from ..machine import Machine, structure_of
@@ -118,7 +118,8 @@ def made_torque(model: Model, record: Record) -> tuple[float, Any]:
     angle = np.zeros_like(rate) if angle is None else angle
     asked = np.asarray(record.reference)
     # The last column is the next reference, which a feed-forward of a position looks at.
-    columns = tuple(padded(column) for column in (asked, rate, angle, np.append(asked[1:], asked[-1])))
+    following = np.append(asked[1:], after_last(controller, asked))
+    columns = tuple(padded(column) for column in (asked, rate, angle, following))
     loop, dt = ClosedLoop(model.loop.plant, controller, observer), jnp.asarray(record.dt)
     measured = np.asarray(record.torque)
     if start.size:
