@@ -128,6 +128,7 @@ def test_an_observer_that_diverges_behind_a_limit_of_the_torque_is_told(tmp_path
         ({"reference": [1e-3, 0.0], "velocity": [1e7, 1.0]}, [False, True]),
         ({"reference": [1e-3, 0.0], "position": [1e7, 1.0]}, True),  # of a velocity loop: it goes on and on
         ({"reference": [0.0, 0.0], "velocity": [1e7, 1.0]}, [True, True]),
+        ({"reference": [1e-17, 0.0], "velocity": [1e-3, 2.0]}, [True, False]),  # zero but for rounding
         ({"torque": [1.0, 1.0], "control": [0.0, float("nan")]}, [True, False]),
     ],
 )
