@@ -40,7 +40,8 @@ class Parameter:
         start: start value, in the parameter's unit; None for its value in the loop.
         low: smallest value, in the parameter's unit; None for 1e-4 of the start (log scale only; "grid" and
             "grid_repaired" then have no bound).
-        high: largest value, in the parameter's unit; None for 1e4 times the start (likewise).
+        high: largest value, in the parameter's unit; None for 1e4 times the start (likewise), or for 8 control periods
+            more than the start for a delay.
         scale: "log" or "linear": the space in which a gradient moves.
     """
 

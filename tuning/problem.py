@@ -4,6 +4,7 @@ A case is one simulation: one reference, one true plant, one noise seed. Arrays 
 (references, plants, seeds).
 """
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Literal
 
@@ -17,7 +18,7 @@ from jaxtyping import Array, PyTree
 from fpjax.blocks.parameters import get_parameter, set_parameters
 from fpjax.blocks.references import AbstractReference
 from fpjax.errors import InputError
-from fpjax.simulation.histories import with_histories
+from fpjax.simulation.histories import usual_largest, with_histories
 from fpjax.simulation.input_checks import check_frequency
 from fpjax.simulation.loop import ClosedLoop
 from fpjax.simulation.scan import Inputs, Stepper, Stepping, astype, loop_dtype, make_inputs, make_stepper, roll
@@ -88,8 +89,11 @@ def make_problem(
     plants: Mapping[str, PyTree] | None = None,
     noise_seeds: Sequence[int] = (),
     aggregate: Aggregate = "mean",
+    largest: Mapping[str, float] | None = None,
 ) -> tuple[Problem, Array, tuple[str, ...]]:
     """(problem, start of shape (n,), labels of the references); the arguments are those of `tuning.tune`.
+
+    Beside them `largest` gives the largest values that the parameters will have, by name; None for their bounds.
 
     Raises:
         InputError: for invalid settings.
@@ -99,6 +103,8 @@ def make_problem(
     )
     dtype = loop_dtype(loop)
     labels, listed = label_references(references)
+    if stepping == "sampled" and largest is None:
+        parameters = [_bounded(loop, one, float(dt)) for one in parameters]
     names, start, space = make_space(loop, parameters, dtype)
     chosen = get_objective(objective)
     chosen = astype(chosen, dtype)
@@ -117,8 +123,9 @@ def make_problem(
         )
     if stepping == "sampled":
         # the candidates and the plants are traced: the largest of their delays counts
-        largest = {name: float(np.max(values, initial=0.0)) for name, values in varied.items()}
-        loop = with_histories(loop, float(dt), largest | dict(zip(names, space.highest().tolist(), strict=True)))
+        delays = {name: float(np.max(values, initial=0.0)) for name, values in varied.items()}
+        delays |= dict(zip(names, space.highest().tolist(), strict=True)) if largest is None else largest
+        loop = with_histories(loop, float(dt), delays)
     for name, values in varied.items():
         get_parameter(loop, name)
         if values.ndim != 1 or not values.size:
@@ -151,6 +158,16 @@ def make_problem(
         loop, stepper, tables[0].time, stacked, noise, varied, chosen, space, names, max(1, len(noise_seeds)), aggregate
     )
     return problem, start, labels
+
+
+def _bounded(loop: ClosedLoop, one: str | Parameter, dt: float) -> str | Parameter:
+    """A parameter with an upper bound, if it is a delay without one: the history that is kept must hold its values."""
+    given = Parameter(one) if isinstance(one, str) else one
+    if given.high is not None or given.scale != "log":
+        return one
+    value = get_parameter(loop, given.name) if given.start is None else np.asarray(given.start)
+    most = usual_largest(given.name, float(np.max(value)), dt)
+    return dataclasses.replace(given, high=most) if np.isfinite(most) else one
 
 
 def under_noise(problem: Problem, draws: int) -> list[Problem]:

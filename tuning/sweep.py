@@ -151,8 +151,9 @@ def _prepare(
     for axis in axes:
         get_parameter(loop, axis.name)
         axis.check()
-    # Of the bounds a sweep uses the largest delay only; a linear scale allows values of zero and below.
-    tops = [axis.high if axis.high > axis.low else axis.low + 1.0 for axis in axes]
-    named = [Parameter(axis.name, axis.low, axis.low, top, "linear") for axis, top in zip(axes, tops, strict=True)]
-    problem, _, labels = make_problem(loop, references, named, **settings)
+    # `make_problem` wants bounds, which a sweep does not use; a linear scale allows values of zero and below.
+    named = [Parameter(axis.name, axis.low, axis.low, axis.low + 1.0, "linear") for axis in axes]
+    problem, _, labels = make_problem(
+        loop, references, named, largest={axis.name: axis.high for axis in axes}, **settings
+    )
     return problem, labels, axes

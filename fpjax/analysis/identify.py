@@ -21,7 +21,7 @@ from ..blocks.references import AbstractReference
 from ..compiled.programs import jit_by
 from ..errors import InputError
 from ..output.json_object import JsonObject, TomlTable
-from ..simulation.histories import with_histories, with_history
+from ..simulation.histories import usual_largest, with_histories, with_history
 from ..simulation.loop import ClosedLoop, LoopState
 from ..simulation.scan import Inputs, Stepper, Stepping, loop_dtype, make_inputs, make_stepper, roll
 from ..simulation.solvers import AbstractPlantSolver
@@ -118,6 +118,12 @@ def identify(
         raise InputError(f"parameters must name at least one, each once, got {list(names)}.")
     start = _scalars(tree, paths)
     low, high = _limits(names, np.asarray(list(start.values())), bounds or {})
+    if stepping == "sampled":
+        most = [
+            np.inf if name in (bounds or {}) else usual_largest(name, value, float(dt))
+            for name, value in zip(names, start.values(), strict=True)
+        ]
+        high = np.minimum(high, most)
     table = _measured(measured)
     samples = len(next(iter(table.values())))
     sigma = _sigma(table, noise)

@@ -55,13 +55,14 @@ class Thresholds:
             nearly as large. Set on one opened log of seed 70.
         clear: share [1] of the worth that the best model without the leading cause lacks (of a nominal number: of the
             energy that all causes take), from which on the cause is beyond the others' reach; a part is asserted only
-            then.
+            then, or where as large a share of the evidence would be lost without the number that leads it.
         contested: likewise, below which another effect does nearly as well.
         right_explained: probability [1] that the leading cause is right where the causes explain the gap: clear,
             between, contested.
         right_partly: likewise, where they explain a part of it.
         right_partly_number: likewise, where a wrong nominal number leads that part: 13 of 17 opened logs, seven of them
             real; it is asserted only where it is clear, and takes what nobody knows of more easily than an effect does.
+            Counted before evidence could make it clear too, by which one real log more is told, rightly.
         right_unexplained: likewise, where what leads is not asserted.
         right_no_gap: likewise, where there is no gap.
         right_read: probability [1] that an error of the reading is a cause, where the encoder or a step shows it.

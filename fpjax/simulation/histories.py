@@ -14,10 +14,25 @@ from ..errors import InputError
 from .loop import ClosedLoop, LoopState
 
 LONGEST = 1000  # periods; a longer delay is a mistyped unit, and would take minutes to compile
+BEYOND = 8  # periods beyond its start, to which a delay is looked for where nobody gave it a bound
 DELAYED = ("actuator", "sensor")
 
 
-def periods_of(delay: float | None, dt: float, least: int, name: str) -> int:
+def usual_largest(name: str, start: float, dt: float) -> float:
+    """The largest value that is looked for without an upper bound: of a delay some periods more than it starts with.
+
+    Args:
+        name: of a parameter, dotted.
+        start: its start value, in its unit.
+        dt: control period [s].
+
+    Returns:
+        In the parameter's unit; infinite for what is no delay.
+    """
+    return start + BEYOND * dt if name in [f"{part}.delay" for part in DELAYED] else math.inf
+
+
+def periods_of(delay: float | None, dt: float, least: int, name: str, bound: float = 0.0) -> int:
     """Whole periods of history that a delay needs, `least` at least.
 
     Args:
@@ -25,17 +40,20 @@ def periods_of(delay: float | None, dt: float, least: int, name: str) -> int:
         dt: control period [s].
         least: periods kept at least.
         name: of the delay, for the message.
+        bound: largest value that it will have [s].
 
     Raises:
         InputError: for a delay of over 1000 periods.
     """
-    periods = (delay or 0.0) / dt
-    if not periods < LONGEST:
-        raise InputError(
-            f"{name} = {delay:g} s is {periods:.6g} periods of dt = {dt:g} s, more than {LONGEST}: check its unit "
-            f"(s), or give it a smaller upper bound."
+    largest = max(delay or 0.0, bound)
+    if not largest / dt <= LONGEST:
+        what, advice = (
+            (f"the largest {name}, {largest:g} s,", "give it a smaller upper bound")
+            if bound > (delay or 0.0)
+            else (f"{name} = {largest:g} s", "check its unit (s)")
         )
-    return max(least, math.ceil(periods) + 1)
+        raise InputError(f"{what} is {largest / dt:.6g} periods of dt = {dt:g} s, more than {LONGEST}: {advice}.")
+    return max(least, math.ceil(largest / dt) + 1)
 
 
 def with_histories(loop: ClosedLoop, dt: float, largest: Mapping[str, float] | None = None) -> ClosedLoop:
@@ -57,7 +75,7 @@ def with_histories(loop: ClosedLoop, dt: float, largest: Mapping[str, float] | N
         if not isinstance(block, Actuator | ServoSensor) or block.delay is None:
             continue
         own = 0.0 if isinstance(block.delay, Tracer) else float(np.max(np.asarray(block.delay)))
-        periods = periods_of(max(own, (largest or {}).get(name, 0.0)), dt, 1, name)
+        periods = periods_of(own, dt, 1, name, (largest or {}).get(name, 0.0))
         # one period of reserve is no reason to compile another program
         if periods - 1 > block.longest_delay:
             longer[part] = dataclasses.replace(block, longest_delay=periods)

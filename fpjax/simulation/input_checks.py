@@ -73,7 +73,8 @@ def check_frequency(reference: AbstractReference, dt: float, words: tuple[str, s
     Raises:
         InputError: for a frequency at or above half the sample rate.
     """
-    frequency = max((_highest(getattr(reference, name, None)) for name in FREQUENCIES), default=0.0)
+    own = type(reference).__module__.partition(".")[0] == __name__.partition(".")[0]  # a user's field may be in rad/s
+    frequency = max((_highest(getattr(reference, name, None)) for name in FREQUENCIES if own), default=0.0)
     if frequency * dt >= NYQUIST:
         raise InputError(
             f"{words[0]} {frequency:g} Hz cannot be followed at {words[1]} = {dt:g} s: a sampled signal must stay "

@@ -112,3 +112,16 @@ def test_a_parameter_at_its_bound_is_named(record):
 def test_bad_input_is_one_sentence(measured, names, options, said):
     with pytest.raises(fp.InputError, match=said):
         fp.identify(model(6e4, 10.0), fp.Chirp(*CHIRP), measured, names, dt=DT, **options)
+
+
+def test_a_delay_is_identified_beyond_the_history_of_the_loop():
+    def loop(delay):
+        actuator = fp.Actuator(delay=delay, longest_delay=3)
+        return fp.ClosedLoop(fp.OneMass(1.0, fp.Viscous(0.5)), fp.Proportional(5.0), actuator=actuator)
+
+    settings = {"dt": 1e-3, "stepping": "sampled"}
+    run = fp.simulate(loop(6.3e-3), fp.Chirp(*CHIRP), samples=1001, record=("velocity",), **settings)
+    found = fp.identify(
+        loop(2e-3), fp.Chirp(*CHIRP), {"velocity": run.signals["velocity"]}, ["actuator.delay"], **settings
+    )
+    assert found.values["actuator.delay"] == pytest.approx(6.3e-3, rel=1e-3)

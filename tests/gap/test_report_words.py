@@ -44,11 +44,14 @@ def test_verdicts_have_fitting_sentences():
     assert unseen.startswith("On withheld data no missing force stands above the noise floor of ")
     likeliest = dataclasses.replace(told["unexplained"].ranking[0], gap_after=0.6 * told["unexplained"].gap.before)
     unsure = dataclasses.replace(told["unexplained"], ranking=(likeliest, *told["unexplained"].ranking[1:]))
+    allowed = dataclasses.replace(unsure, allowed=("backlash", likeliest.effect))
+    assert "none of the 2 effects" in verdict_line(allowed)
+    assert "none of the 2 effects" in sentences.verdict_sentence(allowed)
     for sentence, name in (
         (sentences.verdict_sentence(unsure), names.effect_name(likeliest.effect, unsure.motion)),
         (verdict_line(unsure), likeliest.effect),
     ):
-        assert f"the likeliest cause, {name}, closes 4" in sentence
+        assert re.search(f"4.* of it is closed on withheld data by {name}, the likeliest cause, and nominal", sentence)
         assert "no effect" not in sentence
     assert sentences.confidence_sentence(told["explained"]).replace("\u202f", " ") == "Very likely (96 %)."
     assert all(sentence.count(".\n") == 0 and sentence.endswith(".") for sentence in found.values())

@@ -138,11 +138,10 @@ def test_a_drag_is_found_where_a_stribeck_curve_stands_for_the_coulomb_friction(
 
 
 def test_a_start_anew_has_the_numbers_as_given_and_a_stribeck_friction_of_its_own():
-    stribeck = SimpleNamespace(
-        name=STRIBECK, starts=lambda setting: [{"stribeck_torque": 0.1}, {"stribeck_torque": 0.2}]
-    )
+    own, exponent = [{"stribeck_torque": 0.1}, {"stribeck_torque": 0.2}], SimpleNamespace(name="stribeck_exponent")
+    stribeck = SimpleNamespace(name=STRIBECK, starts=lambda setting: own, parameters=(exponent,))
     drag = SimpleNamespace(name="quadratic_drag", starts=lambda setting: [{}])
-    values = {"viscous": 0.3, "stribeck_torque": 5.0, "drag_coefficient": 0.7}
+    values = {"viscous": 0.3, "stribeck_torque": 5.0, "stribeck_exponent": 0.4, "drag_coefficient": 0.7}
     start, search = Start((stribeck, drag), ("viscous",), values, None, or_given=True), SimpleNamespace(setting=None)
     again = _stribeck_anew(search, start)
     assert [one.values for one in again] == [{"stribeck_torque": t, "drag_coefficient": 0.7} for t in (0.1, 0.2)]

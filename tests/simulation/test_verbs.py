@@ -198,3 +198,15 @@ def test_bad_input_is_one_sentence(case):
     with pytest.raises(fp.InputError, match=sentence) as error:
         call()
     assert "\n" not in str(error.value)
+
+
+def test_the_fields_of_a_users_own_reference_are_its_own():
+    class Wave(fpjax.AbstractReference):
+        frequency: float = 600.0  # rad/s
+        upper: float = float("inf")
+
+        def readout(self, time):
+            return jnp.minimum(jnp.sin(self.frequency * time), self.upper)
+
+    loop = fpjax.ClosedLoop(fpjax.OneMass(1.0, fpjax.Viscous(0.5)), fpjax.Proportional(5.0))
+    assert not fpjax.simulate(loop, Wave(), dt=1e-3, samples=11, stepping="sampled").diverged

@@ -17,7 +17,7 @@ from tuning_loops import CONSTANT, DEGREE, GAINS, SHORT, SINE, THESIS, efp
 import fpjax
 import tuning
 from fpjax import InputError
-from tuning import Axis
+from tuning import Axis, Parameter
 from tuning.problem import make_problem
 from tuning.sweep_store import SweepStore, fingerprint
 
@@ -60,8 +60,15 @@ def test_a_delay_is_swept_and_tuned_beyond_the_history_of_the_loop():
     axes = [Axis("actuator.delay", 1e-3, 16e-3, 4)]
     found, truth = (tuning.sweep(loop, SINE, axes=axes, **common).costs for loop in (short, long))
     np.testing.assert_allclose(found, truth, rtol=1e-12)
-    with pytest.raises(InputError, match=r"is 10000 periods .* give it a smaller upper bound"):
-        tuning.tune(short, SINE, parameters=["actuator.delay"], **common)
+    # Without a bound a delay is tuned to eight periods more than its start.
+    problem, _, _ = make_problem(short, SINE, ["actuator.delay"], **common)
+    assert problem.loop.actuator.longest_delay == 10
+    assert float(problem.space.high[0]) == pytest.approx(9e-3)
+    assert make_problem(short, SINE, ["controller.kp"], **common)[0].loop.actuator.longest_delay == 2
+    with pytest.raises(InputError, match=r"the largest actuator.delay, 2 s, is 2000 periods .* smaller upper bound"):
+        tuning.tune(short, SINE, parameters=[Parameter("actuator.delay", high=2.0)], **common)
+    one = tuning.sweep(short, SINE, axes=[Axis("actuator.delay", 1e-3, 1e-3, 1)], **common)
+    np.testing.assert_allclose(one.costs[0], found[0], rtol=1e-12)
 
 
 def test_chunks_change_nothing_but_rounding_and_diverged_points_cost_infinity():

@@ -55,7 +55,7 @@ def verdict_line(diagnosis: Answer) -> str:
 
 
 def unsure(diagnosis: Answer, name: str, percent: Callable[[float], str] = "{:.1%}".format) -> str:
-    """A clause on the likeliest cause where nothing is asserted, though it closes a good part of the gap; else "".
+    """A clause on the likeliest cause where none is asserted, though with it a good part of the gap is closed; else "".
 
     Args:
         diagnosis: an unexplained one.
@@ -63,13 +63,16 @@ def unsure(diagnosis: Answer, name: str, percent: Callable[[float], str] = "{:.1
         percent: writes a share.
     """
     gap = diagnosis.gap
-    if not diagnosis.ranking or not gap.before > gap.noise_floor:
+    # What was not allowed may be the cause, and what is asserted beside the gap has a sentence of its own.
+    if not diagnosis.ranking or diagnosis.allowed or diagnosis.causes or not gap.before > gap.noise_floor:
         return ""
     closed = (gap.before - max(diagnosis.ranking[0].gap_after, gap.noise_floor)) / (gap.before - gap.noise_floor)
     if not closed > 1.0 - THRESHOLDS.part:
         return ""
+    # Every model frees the nominal numbers, so that what is closed is theirs too.
     return (
-        f"the likeliest cause, {name}, closes {percent(closed)} of it on withheld data, and this log leaves it unsure"
+        f"{percent(closed)} of it is closed on withheld data by {name}, the likeliest cause, and nominal numbers that "
+        "are free, but this log does not make sure which"
     )
 
 

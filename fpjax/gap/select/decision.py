@@ -326,10 +326,10 @@ def _stribeck_anew(search: Search, start: Start) -> list[Start]:
     A Stribeck curve that falls all along the speeds stands for the Coulomb friction, so that its numbers do not come
     back beside a further law.
     """
-    values = {name: value for name, value in start.values.items() if name not in NOMINAL}
-    own = [
-        values_of for effect in start.effects if effect.name == STRIBECK for values_of in effect.starts(search.setting)
-    ]
+    stribeck = [effect for effect in start.effects if effect.name == STRIBECK]
+    anew = {*NOMINAL, *(parameter.name for effect in stribeck for parameter in effect.parameters)}
+    values = {name: value for name, value in start.values.items() if name not in anew}
+    own = [one for effect in stribeck for one in effect.starts(search.setting)]
     return [replace(start, values=values | one, like=None, or_given=False) for one in own]
 
 

@@ -85,7 +85,7 @@ def bases_of(singles: Sequence[Weighed]) -> list[Weighed]:
 
 
 def bases_beside(chosen: Weighed, rivals: Sequence[Weighed]) -> list[Weighed]:
-    """The chosen causes, and the best others that are nearly worth as much or likelier: a further cause may decide.
+    """The chosen causes, and the best others that are nearly worth as much or else likelier: a further one may decide.
 
     What leaves less torque may be the more flexible of the two (a friction by direction for a constant torque), and
     beside it what is missing is not seen.

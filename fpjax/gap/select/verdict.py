@@ -246,10 +246,10 @@ def _word(decision: Decision, seen: Seen, chosen: _Set, near: int, lead: float, 
     if few and (left < t.closes or missing < t.nothing):
         return "explained"
     sure = few and (near == 0 or is_number(chosen.names[0]))
-    # Where much is left, a cause that is not far ahead may be the one that bends best: pushes pass for a soft spring.
     if chosen.names and is_number(chosen.names[0]):
         # Coulomb and viscous friction make up for much of each other's torque: one is needed where its evidence is.
         lead = max(lead, decision.lost.get(chosen.names[0], 0.0))
+    # Where much is left, a cause that is not far ahead may be the one that bends best: pushes pass for a soft spring.
     if not (sure and lead >= t.clear) or (_bends(seen, chosen, t) and not is_number(chosen.names[0])):
         return "unexplained"
     return (

@@ -319,7 +319,8 @@ def _other_scale(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
     ratio, together = travelled(velocity, position, log.dt)
     if together > SURELY and abs(ratio - 1.0) > OTHER_SCALE:
         yield Suspicion(
-            f"velocity is {ratio:.3g} x the rate of change of position: the scale of one of them is wrong.",
+            f"velocity is {ratio:.3g} x the rate of change of position: one of them has a wrong scale, or a gear lies "
+            f"between them; correct it, as with --columns velocity=velocity*{1.0 / ratio:.4g}.",
             "warn",
             "scale",
         )

@@ -215,10 +215,11 @@ def _mapped(
     if column is None:
         head = head.strip()
         if axis is not None and (axes := axes_with(head, names)):
-            raise InputError(
-                f"{where} has no column {head[:60]!r} of axis {axis} for {canonical}: it has one for each of the axes "
-                f"{', '.join(map(str, axes[:12]))}."
-            )
+            of = f"{head[:60]!r} of axis {axis} for {canonical}"
+            if axis in axes:
+                raise InputError(f"{where} has several columns {of}: write the one that is meant as it is spelt.")
+            listing = ", ".join(map(str, axes[:12]))
+            raise InputError(f"{where} has no column {of}: it has one for each of the axes {listing}.")
         near = difflib.get_close_matches(head[:60], names[:MOST_COMPARED], n=1)
         raise InputError(
             f"{where} has no column {head[:60]!r} for {canonical}: "

@@ -30,6 +30,8 @@ def test_a_mapped_column_of_an_axis_that_is_not_there_is_answered_with_those_tha
         InputError, match="no column 'tau' of axis 3 for torque: it has one for each of the axes 0, 1, 2"
     ):
         read_log(data, columns=f"{spec}3")
+    with pytest.raises(InputError, match="several columns 'tau' of axis 2 for torque"):
+        read_log(data | {"tau_2": columns["torque"]}, columns=f"{spec}2")
 
 
 def test_an_axis_that_stands_still_is_not_taken(columns):
