@@ -201,12 +201,12 @@ def test_bad_input_is_one_sentence(case):
 
 
 def test_the_fields_of_a_users_own_reference_are_its_own():
-    class Wave(fpjax.AbstractReference):
+    class Wave(fp.AbstractReference):
         frequency: float = 600.0  # rad/s
         upper: float = float("inf")
 
         def readout(self, time):
-            return jnp.minimum(jnp.sin(self.frequency * time), self.upper)
+            return jax.numpy.minimum(jax.numpy.sin(self.frequency * time), self.upper)
 
-    loop = fpjax.ClosedLoop(fpjax.OneMass(1.0, fpjax.Viscous(0.5)), fpjax.Proportional(5.0))
-    assert not fpjax.simulate(loop, Wave(), dt=1e-3, samples=11, stepping="sampled").diverged
+    loop = fp.ClosedLoop(fp.OneMass(1.0, fp.Viscous(0.5)), fp.Proportional(5.0))
+    assert not fp.simulate(loop, Wave(), dt=1e-3, samples=11, stepping="sampled").diverged
