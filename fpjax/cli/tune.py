@@ -69,7 +69,12 @@ def run(arguments: argparse.Namespace) -> int:
             try:
                 result = interruptible(search)
             except KeyboardInterrupt:
-                _keep_finished(model, results, record, arguments)
+                if kept := _keep_finished(model, results, record, arguments):
+                    arguments.kept = f"{kept}, its run marked interrupted"
+                raise
+            except InputError as error:  # a budget below what this method's first iteration needs
+                if kept := _keep_finished(model, results, record, arguments):
+                    raise InputError(f"{method}: {error} {kept[:1].upper()}{kept[1:]}.") from error
                 raise
             print(result, end="\n\n")
             results.append(result)
@@ -128,8 +133,12 @@ def compare(results: "list[TuningResult]") -> str:
 
 def _keep_finished(
     model: "Model", results: "list[TuningResult]", record: RunFile, arguments: argparse.Namespace
-) -> None:
-    """Write the results of the methods that finished before the interrupt."""
+) -> str:
+    """Write the results of the methods that finished before the interrupt, or before one that could not begin.
+
+    Returns:
+        What is kept, as a clause; "" for nothing.
+    """
     whole = [result for result in results if not result.diverged]
     if whole and record.folder is not None:
         arguments.no_plots = True  # drawing takes longer than a user waits after Ctrl-C
@@ -137,7 +146,8 @@ def _keep_finished(
         tuned = dataclasses.replace(model, loop=best.apply(model.loop))
         _write(tuned, {}, results, best, record, arguments)
         names = " and ".join(result.method for result in results)
-        arguments.kept = f"what {names} found is kept in {record.folder}, its run marked interrupted"
+        return f"what {names} found is kept in {record.folder}"
+    return ""
 
 
 def check(model: "Model", tuned: "Model", best: "TuningResult", duration: float, record: RunFile) -> "dict[str, Run]":

@@ -125,6 +125,12 @@ def test_a_budget_below_one_iteration_is_no_divergence(servo, capsys, method, le
         refuse(capsys, *words, budget, match=match)
 
 
+def test_what_a_method_found_is_kept_where_the_next_cannot_begin(servo, tmp_path, capsys):
+    words = ["tune", servo, "--method", "levenberg_marquardt", "--method", "grid", "--max-simulations", 3, "--no-plots"]
+    refuse(capsys, *words, "--out", tmp_path / "out", match="What levenberg_marquardt found is kept in")
+    assert "gain" in (tmp_path / "out" / "tuned.toml").read_text()
+
+
 def test_tune_refuses_what_cannot_be(servo, tmp_path, capsys):
     refuse(capsys, "tune", servo, "--parameter", "observer.gain_1=5:1:10", match="starts outside its range")
     refuse(capsys, "tune", servo, "--parameter", "observer.gain_1=a:b:c", match="is not NAME=LOW:START:HIGH")
