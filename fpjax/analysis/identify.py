@@ -124,12 +124,11 @@ def identify(
             for name, value in zip(names, start.values(), strict=True)
         ]
         high = np.minimum(high, most)
+        tree["loop"] = with_histories(loop, float(dt), dict(zip(names, high.tolist(), strict=True)))
+        initial = None if initial is None else with_history(initial, tree["loop"])
     table = _measured(measured)
     samples = len(next(iter(table.values())))
     sigma = _sigma(table, noise)
-    if stepping == "sampled":
-        tree["loop"] = with_histories(loop, float(dt), dict(zip(names, high.tolist(), strict=True)))
-        initial = None if initial is None else with_history(initial, tree["loop"])
     stepper = make_stepper(
         dt=dt, samples=samples, solver=solver, stepping=stepping, substeps=substeps, checkpoint="none"
     )

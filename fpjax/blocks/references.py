@@ -2,6 +2,7 @@
 
 import dataclasses
 from abc import abstractmethod
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -16,17 +17,23 @@ from .block import Block, as_parameter, require_finite, require_positive
 class AbstractReference(Block):
     """r(t) [rad/s], or [rad] for a position loop."""
 
-    def __check_init__(self) -> None:
-        if type(self).__module__.partition(".")[0] == __name__.partition(".")[0]:  # of a user's own nothing is known
-            for field in dataclasses.fields(self):
-                require_finite(self, field.name)
+    hertz: ClassVar[tuple[str, ...]] = ()
+    """Names of the fields that hold frequencies [Hz], which must stay below half the sample rate."""
 
     @abstractmethod
     def readout(self, time: Array) -> Array:
         """r at time [s]; any shape in, the same shape out."""
 
 
-class Constant(AbstractReference):
+class AbstractFinite(AbstractReference):
+    """A reference whose numbers are all finite."""
+
+    def __check_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            require_finite(self, field.name)
+
+
+class Constant(AbstractFinite):
     """A constant.
 
     Attributes:
@@ -40,7 +47,7 @@ class Constant(AbstractReference):
         return self.amplitude + jnp.zeros_like(time)
 
 
-class Sine(AbstractReference):
+class Sine(AbstractFinite):
     """amplitude sin(2 pi frequency t + phase) + offset.
 
     Attributes:
@@ -50,6 +57,7 @@ class Sine(AbstractReference):
         offset: [rad/s].
     """
 
+    hertz: ClassVar[tuple[str, ...]] = ("frequency",)
     amplitude: Array = eqx.field(converter=as_parameter)
     frequency: Array = eqx.field(converter=as_parameter)
     phase: Array = eqx.field(converter=as_parameter, default=0.0)
@@ -60,7 +68,7 @@ class Sine(AbstractReference):
         return self.amplitude * sin(2.0 * jnp.pi * self.frequency * time + self.phase) + self.offset
 
 
-class Chirp(AbstractReference):
+class Chirp(AbstractFinite):
     """A linear frequency sweep: amplitude sin(2 pi (f0 t + (f1 - f0) t^2 / (2 T))); after T it stays at f1.
 
     Attributes:
@@ -70,6 +78,7 @@ class Chirp(AbstractReference):
         sweep_time: T [s].
     """
 
+    hertz: ClassVar[tuple[str, ...]] = ("start_frequency", "end_frequency")
     amplitude: Array = eqx.field(converter=as_parameter)
     start_frequency: Array = eqx.field(converter=as_parameter)
     end_frequency: Array = eqx.field(converter=as_parameter)
@@ -88,7 +97,7 @@ class Chirp(AbstractReference):
         return self.amplitude * sin(2.0 * jnp.pi * turns)
 
 
-class Triangle(AbstractReference):
+class Triangle(AbstractFinite):
     """A triangle wave that starts at zero, rising, like a sine.
 
     Attributes:
@@ -97,6 +106,7 @@ class Triangle(AbstractReference):
         phase: [rad].
     """
 
+    hertz: ClassVar[tuple[str, ...]] = ("frequency",)
     amplitude: Array = eqx.field(converter=as_parameter)
     frequency: Array = eqx.field(converter=as_parameter)
     phase: Array = eqx.field(converter=as_parameter, default=0.0)
@@ -108,7 +118,7 @@ class Triangle(AbstractReference):
         return self.amplitude * (1.0 - 4.0 * jnp.abs(cycle - 0.5))
 
 
-class Square(AbstractReference):
+class Square(AbstractFinite):
     """A square wave that starts high.
 
     Attributes:
@@ -117,6 +127,7 @@ class Square(AbstractReference):
         phase: [rad].
     """
 
+    hertz: ClassVar[tuple[str, ...]] = ("frequency",)
     amplitude: Array = eqx.field(converter=as_parameter)
     frequency: Array = eqx.field(converter=as_parameter)
     phase: Array = eqx.field(converter=as_parameter, default=0.0)
@@ -127,7 +138,7 @@ class Square(AbstractReference):
         return jnp.where(cycle < 0.5, self.amplitude, -self.amplitude)
 
 
-class Multisine(AbstractReference):
+class Multisine(AbstractFinite):
     """A sum of sines.
 
     Attributes:
@@ -136,6 +147,7 @@ class Multisine(AbstractReference):
         phases: [rad], shape (tones,).
     """
 
+    hertz: ClassVar[tuple[str, ...]] = ("frequencies",)
     amplitudes: Array = eqx.field(converter=as_parameter)
     frequencies: Array = eqx.field(converter=as_parameter)
     phases: Array = eqx.field(converter=as_parameter)
@@ -159,7 +171,7 @@ class Multisine(AbstractReference):
         return jnp.reshape(values, (1,) * time.ndim + values.shape)
 
 
-class Recorded(AbstractReference):
+class Recorded(AbstractFinite):
     """A recorded signal, held from sample to sample (what a drive does) or interpolated.
 
     Attributes:

@@ -5,6 +5,7 @@ import pathlib
 from typing import TYPE_CHECKING
 
 from ..errors import InputError
+from ..logs.columns.units import is_label
 from ..output.json_object import JsonObject
 from ..output.runfile import RunFile, write_json
 from .common import add_log_options, add_out, finish, read_measured, running_jax, say, table
@@ -98,7 +99,7 @@ def _export_body(
     elif held:
         print(f"  not expressed there: {', '.join(held)}")
     else:
-        label = "" if model.units.torque in ("N m", "N") else f", in units of {model.units.torque}"
+        label = f", in units of {model.units.torque}" if is_label(model.units.torque) else ""
         print(f"  all of the model's mechanics is expressed there{label}")
     # files beside run.json are listed by name, so that the folder can be moved; others by their path
     same = pathlib.Path(arguments.out).resolve() == made.file.parent.resolve()

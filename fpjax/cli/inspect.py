@@ -4,6 +4,7 @@ import argparse
 import sys
 from typing import TYPE_CHECKING
 
+from ..logs.columns.units import is_label
 from ..logs.dynamics.nominal import PARAMETERS
 from ..output.json_object import JsonObject
 from ..output.runfile import RunFile, write_json, write_whole
@@ -93,10 +94,8 @@ def _show(found: "Inspection") -> None:
 
 def _units(log: "Log") -> dict[str, str]:
     force, motion = log.torque_unit, "m" if log.linear else "rad"
-    if force in ("N m", "N"):
-        inertia = "kg" if log.linear else "kg m^2"
-        viscous = "N s/m" if log.linear else "N m s/rad"
-    else:
+    inertia, viscous = ("kg", "N s/m") if log.linear else ("kg m^2", "N m s/rad")
+    if is_label(force):
         inertia, viscous = f"{force} s^2/{motion}", f"{force} s/{motion}"
     units = {"inertia": inertia, "viscous": viscous}
     return {name: units.get(name, force) for name in PARAMETERS}
@@ -111,7 +110,7 @@ def starter(found: "Inspection") -> str | None:
         return None
     names = _units(log)
     units = {"motion": "linear"} if log.linear else {}
-    if log.torque_unit not in ("N m", "N"):
+    if is_label(log.torque_unit):
         units["torque"] = log.torque_unit
     position_only = log.velocity is None
     if position_only:

@@ -17,6 +17,7 @@ import numpy as np
 from ..errors import InputError
 from ..logs import Log
 from ..logs.arrays import rms
+from ..logs.columns.units import is_label
 from ..model_file import Model
 from ..model_file.initial_state import initial_state
 from ..output.runfile import made_folder, write_whole
@@ -106,7 +107,7 @@ def _export(model: Model, folder: str | os.PathLike[str], log: Log | None, targe
     file = folder / f"{stem}.{'xml' if target == 'mujoco' else 'urdf'}"
     write_whole(file, text)
     tracked = "position" if model.units.reference == "position" else "velocity"
-    if model.units.torque not in ("N m", "N"):
+    if is_label(model.units.torque):
         notes.append(_not_si(model, file.name, "MuJoCo" if target == "mujoco" else "URDF"))
     if mujoco is None:
         notes.append(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from ..errors import InputError
+from ..logs.columns.units import is_label
 from ..output.json_object import JsonObject, TomlTable
 from .admissible import check_range
 
@@ -38,7 +39,7 @@ class Units:
 
     def name(self, unit: str) -> str:
         """A rotary SI unit in this machine's units: "N m s/rad" of a linear axis is "N s/m"."""
-        if self.torque in ("N m", "N"):
+        if not is_label(self.torque):
             return _LINEAR.get(unit, unit) if self.motion == "linear" else unit
         base = _LABELLED.get(unit, unit).replace("T", self.torque, 1)
         return base.replace("rad", "m") if self.motion == "linear" else base

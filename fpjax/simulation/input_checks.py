@@ -73,18 +73,13 @@ def check_frequency(reference: AbstractReference, dt: float, words: tuple[str, s
     Raises:
         InputError: for a frequency at or above half the sample rate.
     """
-    own = type(reference).__module__.partition(".")[0] == __name__.partition(".")[0]  # a user's field may be in rad/s
-    frequency = max((_highest(getattr(reference, name, None)) for name in FREQUENCIES if own), default=0.0)
+    frequency = max((_highest(getattr(reference, name)) for name in reference.hertz), default=0.0)
     if frequency * dt >= NYQUIST:
         raise InputError(
             f"{words[0]} {frequency:g} Hz cannot be followed at {words[1]} = {dt:g} s: a sampled signal must stay "
             f"below {NYQUIST / dt:g} Hz; lower the frequency, or write a smaller dt."
         )
     return frequency
-
-
-# The fields of the package's references that hold frequencies [Hz].
-FREQUENCIES = ("frequency", "start_frequency", "end_frequency", "frequencies")
 
 
 def _highest(values: Any) -> float:

@@ -4,6 +4,7 @@ import itertools
 from types import SimpleNamespace
 
 import pytest
+from weighed_models import judged, weighed
 
 from fpjax.gap.select.shares import lost_of, shares_of
 
@@ -170,3 +171,15 @@ def test_the_most_likely_fit_without_a_friction_by_direction_starts_from_its_mea
     assert set(first.wide) == {"inertia", "coulomb", "viscous"}
     assert first.values == {"inertia": 2.0, "coulomb": 0.6, "viscous": 0.03}
     assert second.values == {}
+
+
+def test_a_number_leads_a_part_by_the_evidence_that_is_lost_without_it():
+    """Of no friction at all Coulomb and viscous friction each make up for most of the other's torque."""
+    chosen, sizes = weighed("", 500.0, wide=("coulomb", "viscous")), {"viscous_error": 0.25, "coulomb_error": 0.02}
+    for lost, word in ((0.6, "partly_explained"), (0.3, "unexplained")):
+        both = {"viscous_error": lost, "coulomb_error": 0.15}
+        assert judged(chosen, [], shares=sizes, lost=both, left=0.35).word == word
+    # An effect does not.
+    effect = weighed("stribeck", 500.0)
+    rivals = [weighed("presliding", 400.0)]
+    assert judged(effect, rivals, lost={"stribeck": 0.6}, left=0.35).word == "unexplained"

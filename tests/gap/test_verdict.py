@@ -214,18 +214,6 @@ def test_a_wrong_number_leads_by_its_share_of_what_all_causes_take():
     assert judged(chosen, [], shares={"viscous_error": 0.25, "velocity_lag": 0.01}, left=0.5).word == "unexplained"
 
 
-def test_a_number_leads_a_part_by_the_evidence_that_is_lost_without_it():
-    """Of no friction at all Coulomb and viscous friction each make up for most of the other's torque."""
-    chosen, shares = weighed("", 500.0, wide=("coulomb", "viscous")), {"viscous_error": 0.25, "coulomb_error": 0.02}
-    for lost, word in ((0.6, "partly_explained"), (0.3, "unexplained")):
-        both = {"viscous_error": lost, "coulomb_error": 0.15}
-        assert judged(chosen, [], shares=shares, lost=both, left=0.35).word == word
-    # An effect does not.
-    effect = weighed("stribeck", 500.0)
-    rivals = [weighed("presliding", 400.0)]
-    assert judged(effect, rivals, lost={"stribeck": 0.6}, left=0.35).word == "unexplained"
-
-
 def test_a_number_whose_error_is_immaterial_makes_the_others_no_guess():
     chosen = weighed("position_dependent_friction", 100.0, wide=("coulomb", "viscous"))
     both = ("viscous_error", "position_dependent_friction")

@@ -49,30 +49,29 @@ def verdict_line(diagnosis: Answer) -> str:
             f"Unexplained: on withheld data no gap stands above the noise{beside}; the fitted windows show one, "
             f"and {nothing_closes(diagnosis.allowed)}."
         )
-    if likeliest := unsure(diagnosis, diagnosis.ranking[0].effect if diagnosis.ranking else ""):
-        return f"Unexplained: there is a gap{beside}; {likeliest}."
+    if attempt := unsure(diagnosis):
+        return f"Unexplained: there is a gap; {attempt}."
     return f"Unexplained: there is a gap{beside}, and {nothing_closes(diagnosis.allowed)}."
 
 
-def unsure(diagnosis: Answer, name: str, percent: Callable[[float], str] = "{:.1%}".format) -> str:
-    """A clause on the likeliest cause where none is asserted, though with it a good part of the gap is closed; else "".
+def unsure(
+    diagnosis: Answer, named: Callable[[str], str] = str, percent: Callable[[float], str] = "{:.1%}".format
+) -> str:
+    """A clause on the best attempt where no cause is asserted, though it closes a good part of the gap; else "".
 
     Args:
         diagnosis: an unexplained one.
-        name: of the first of its ranking.
+        named: writes an effect's name.
         percent: writes a share.
     """
-    gap = diagnosis.gap
     # What was not allowed may be the cause, and what is asserted beside the gap has a sentence of its own.
-    if not diagnosis.ranking or diagnosis.allowed or diagnosis.causes or not gap.before > gap.noise_floor:
+    if not diagnosis.ranking or diagnosis.allowed or diagnosis.causes:
         return ""
-    closed = (gap.before - max(diagnosis.ranking[0].gap_after, gap.noise_floor)) / (gap.before - gap.noise_floor)
-    if not closed > 1.0 - THRESHOLDS.part:
+    if not diagnosis.gap.closed > 1.0 - THRESHOLDS.part:
         return ""
-    # Every model frees the nominal numbers, so that what is closed is theirs too.
     return (
-        f"{percent(closed)} of it is closed on withheld data by {name}, the likeliest cause, and nominal numbers that "
-        "are free, but this log does not make sure which"
+        f"the best attempt, led by {named(diagnosis.ranking[0].effect)}, closes {percent(diagnosis.gap.closed)} of it "
+        "on withheld data, but this log does not make sure of its causes"
     )
 
 

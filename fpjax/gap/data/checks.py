@@ -14,6 +14,7 @@ from ...logs import Log
 from ...logs.checks.agreement import TOGETHER, one_unit, travelled
 from ...logs.checks.suspicion import Suspicion
 from ...logs.checks.suspicions import Numbers, suspicions
+from ...logs.columns.units import is_label
 from ...logs.dynamics.nominal import fit_rigid, speed_of
 from ...logs.mending.clock import SLOW, TIME_UNITS, USUAL
 from ...model_file import Model
@@ -122,7 +123,7 @@ def wrong_kinds(log: Log) -> set[str]:
 def _looked_at(log: Log, model: Model, numbers: Numbers | None) -> list[Suspicion]:
     """The suspicions about a log; a wrong unit of its time explains a column or a model that seems wrong."""
     found = suspicions(log, numbers)
-    if model.units.torque not in (log.torque_unit, "N m", "N"):
+    if is_label(model.units.torque) and model.units.torque != log.torque_unit:
         found = [one for one in found if one.kind != "counts"]  # the model says what its whole numbers are
     time = _unit_of_time(log, model)
     if not time or any(one.severity == "stop" for one in found):

@@ -80,9 +80,8 @@ def verdict_sentence(diagnosis: Answer) -> str:
         if share >= MUCH
         else ""
     )
-    first = effect_name(diagnosis.ranking[0].effect, diagnosis.motion) if diagnosis.ranking else ""
-    if likeliest := unsure(diagnosis, first, show_percent):
-        return f"{differs}; {likeliest}.{place}"
+    if attempt := unsure(diagnosis, lambda effect: effect_name(effect, diagnosis.motion), show_percent):
+        return f"{differs}; {attempt}.{place}"
     return f"{differs}, and {_nothing_closes(diagnosis, 'this gap')}{rest}.{place}"
 
 

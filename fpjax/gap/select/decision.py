@@ -140,11 +140,18 @@ def decide(
         # What was no use beside one cause is hardly any beside two.
         likely = list(dict.fromkeys(name for w in found for name in w.structural))[: LIKELY + size]
     search.tick = lambda share: None  # what follows has no share of its own
-    chosen = _pruned(search, exact, chosen)
-    instead, found = _plausible(search, exact, chosen, singles)
-    if instead is not chosen:
-        path.append(chosen.fit)
-        chosen, rivals, tried = instead, found, [*tried, *found]
+
+    def with_law(one: Weighed) -> Weighed:
+        """`_plausible` of a model, written down where it is another one."""
+        nonlocal rivals
+        instead, found = _plausible(search, exact, one, singles)
+        if instead is not one:
+            path.append(one.fit)
+            tried.extend(found)
+            rivals = found
+        return instead
+
+    chosen = with_law(_pruned(search, exact, chosen))
     stage("simpler causes", 0.0)
     # Before anything simpler is tried: without a Stribeck friction the Coulomb and viscous numbers stand for it too,
     # and are no more wrong by one factor. Beside what is simpler it may be sure where beside the rest it was not.
@@ -155,11 +162,7 @@ def decide(
     if gap and plain is not chosen:
         plain, found = _with_stribeck(search, exact, plain, nominal)
         tried += found
-        # What is simpler has numbers of its own, where a friction by direction held them.
-        instead, found = _plausible(search, exact, plain, singles)
-        if instead is not plain:
-            path.append(plain.fit)
-            plain, rivals, tried = instead, found, [*tried, *found]
+        plain = with_law(plain)  # what is simpler has numbers of its own, where a friction by direction held them
     chosen = plain
     stage("what each cause takes", 0.0)
     shares = shares_of(search, exact, chosen.fit, [w.fit for w in tried])
@@ -167,12 +170,11 @@ def decide(
     if instead is not chosen:
         chosen = instead
         shares = shares_of(search, exact, chosen.fit, [w.fit for w in tried])
-    path = (*path, chosen.fit)
     all_of_it = exact.left(exact.fit)
     whole = whole_gap(search, exact, chosen.fit) / all_of_it if all_of_it > 0.0 else 1.0
     return Decision(
-        exact.fit, nominal, tuple(singles), chosen, tuple(rivals), path, shares.energy, exact.judged, shares.alike,
-        whole, shares.evidence,
+        exact.fit, nominal, tuple(singles), chosen, tuple(rivals), (*path, chosen.fit), shares.energy, exact.judged,
+        shares.alike, whole, shares.evidence,
     )  # fmt: skip
 
 

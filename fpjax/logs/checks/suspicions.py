@@ -64,7 +64,7 @@ def _found(log: Log, model: Expected | None) -> list[Suspicion]:
         found += [*_clipped(present), *_one_way(log, present), *_whole_torque(log, present)]
         found += _magnitude(log, present)
         # A wrong time unit makes wrong accelerations, exchanged columns make wrong signs: the first of these that is
-        # found explains those after it, so the search ends there.
+        # found explains those after it, so the search ends there (but for a scale, which the diagnosis fits).
         for look in (
             _unit_of_time(log, present),
             swapped(log, present),
@@ -76,10 +76,8 @@ def _found(log: Log, model: Expected | None) -> list[Suspicion]:
         ):
             seen = list(look)
             found += seen
-            if seen:
+            if any(one.kind != "scale" for one in seen):
                 break
-        else:
-            found += _other_scale(log, present)
     return found
 
 
@@ -309,15 +307,7 @@ def _position_against_velocity(log: Log, columns: dict[str, Values]) -> Iterator
             "warn",
             "unit",
         )
-
-
-def _other_scale(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
-    """A velocity that is a multiple of the position's rate, as an effect of the reading can make it."""
-    velocity, position = columns.get("velocity"), columns.get("position")
-    if velocity is None or position is None:
-        return
-    ratio, together = travelled(velocity, position, log.dt)
-    if together > SURELY and abs(ratio - 1.0) > OTHER_SCALE:
+    elif together > SURELY and abs(ratio - 1.0) > OTHER_SCALE:
         yield Suspicion(
             f"velocity is {ratio:.3g} x the rate of change of position: one of them has a wrong scale, or a gear lies "
             f"between them; correct it, as with --columns velocity=velocity*{1.0 / ratio:.4g}.",

@@ -30,9 +30,15 @@ def numbered(text: str, names: Iterable[str], axis: int | None) -> str | None:
     return fitting.pop() if len(fitting) == 1 else None
 
 
-def axes_with(text: str, names: Iterable[str]) -> list[int]:
-    """The axes that have a column `text`, in increasing order: 0 and 1 of "tau" for "tau.0" and "tau.1"."""
-    return sorted({number for _, number in _of_axes(text, names)})
+def about_axis(text: str, names: Iterable[str], axis: int | None) -> str:
+    """A clause on why no column is `text` of this axis (others have one, it has several); "" where no axis has one."""
+    axes = sorted({number for _, number in _of_axes(text, names)})
+    if axis is None or not axes:
+        return ""
+    of = f"{text[:60]!r} of axis {axis}"
+    if axis in axes:
+        return f"several columns {of}: write the one that is meant as it is spelt"
+    return f"no column {of}: there is one for each of the axes {', '.join(map(str, axes[:12]))}"
 
 
 def _of_axes(text: str, names: Iterable[str]) -> list[tuple[str, int]]:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
 from ...errors import InputError
-from .axes import axes_with, axis_of, choose_axis, choose_owner, has, numbered, of_owner
+from .axes import about_axis, axis_of, choose_axis, choose_owner, has, numbered, of_owner
 from .names import MOTIONS, TORQUES, WEAK, Guess, bracket_unit, guess
 from .units import QUANTITIES, find_unit, parse_unit
 
@@ -214,12 +214,8 @@ def _mapped(
         column = _resolved(head, names, axis)
     if column is None:
         head = head.strip()
-        if axis is not None and (axes := axes_with(head, names)):
-            of = f"{head[:60]!r} of axis {axis} for {canonical}"
-            if axis in axes:
-                raise InputError(f"{where} has several columns {of}: write the one that is meant as it is spelt.")
-            listing = ", ".join(map(str, axes[:12]))
-            raise InputError(f"{where} has no column {of}: it has one for each of the axes {listing}.")
+        if clause := about_axis(head, names, axis):
+            raise InputError(f"For {canonical}, {where} has {clause}.")
         near = difflib.get_close_matches(head[:60], names[:MOST_COMPARED], n=1)
         raise InputError(
             f"{where} has no column {head[:60]!r} for {canonical}: "
@@ -228,9 +224,8 @@ def _mapped(
     if colon and not unit.strip():
         raise InputError(f"--columns {canonical}={text} ends with a colon: write the unit after it, or leave both out.")
     written = bracket_unit(column)[1] or units.get(column)
-    if factor != 1.0 and written is not None and find_unit(written) is None:
-        written = None  # a word in brackets that is no unit: the factor says what the column is in
-    source = Source(column, unit.strip() or written, factor)
+    known = factor == 1.0 or find_unit(written or "") is not None  # else the factor says what the column is in
+    source = Source(column, unit.strip() or (written if known else None), factor)
     scaled = _SCALED.match(unit.strip())
     if scaled and (find_unit(unit) is None):
         number = _factor(scaled["number"], canonical, text, head)

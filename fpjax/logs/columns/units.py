@@ -23,6 +23,11 @@ class Unit(NamedTuple):
     label: str = ""
 
 
+def is_label(torque: str) -> bool:
+    """Whether the unit of a torque is a label (V, A, PWM), which stands for N m or N in all that belongs to it."""
+    return torque not in ("N m", "N")
+
+
 _TURN = 2.0 * math.pi
 _DEGREE = math.pi / 180.0
 _TABLE: dict[str, dict[str, float]] = {
