@@ -77,6 +77,8 @@ class Thresholds:
             numbers: a law of another form bends what stands beside it.
         simpler: share [1] of the evidence over the nominal model that a simpler model may lose.
         factor: likewise, for one factor in the place of several wrong nominal numbers.
+        unlike: log density [nats] that nominal numbers may lose beside one factor in their place, of being right: five
+            in a hundred that are lose more (half of chi-square's quantile, three numbers about one factor).
         beside: share [1] of what the nominal numbers alone leave of the missing energy, from which on an effect is told
             as a cause however much of the gap the numbers make; beside exactly one wrong number it must take
             1 - closes^2 of it.
@@ -95,7 +97,7 @@ class Thresholds:
         clearance: standard deviations of a backlash's gap by the cost's curvature [1], up to which it may be none.
         swallowed: of the largest commanded torque [1], the widest dead zone of an actuator.
         reading: error of the velocity reading, of the speed's rms [1], from which on it is told.
-        wrong_number: log prior odds that one nominal number is wrong [1].
+        wrong_number: log prior odds that one nominal number is wrong [1], and that a wrong one is wild and no guess.
         wild: error [1] of a nominal friction number, of its size, beyond which it is no guess, and may stand for an
             effect. Set on opened logs: one of a third generator, two of seeds 70 to 74, one of seed 60.
         comes_back: of its distance [1] from the given value, what a wrong number may keep at most beside an effect or a
@@ -169,6 +171,7 @@ class Thresholds:
     weighs: float = 0.2
     simpler: float = 0.05
     factor: float = 0.01
+    unlike: float = 3.0
     beside: float = 0.5
     curve: float = 0.5
     curve_ahead: float = 0.25

@@ -6,7 +6,7 @@ import pytest
 
 from fpjax.gap import EFFECTS
 from fpjax.gap.select import simpler
-from fpjax.gap.select.weighed import Weighed
+from fpjax.gap.select.weighed import Exact, Weighed
 
 NAMED = {effect.name: effect for effect in EFFECTS}
 
@@ -41,6 +41,37 @@ def test_a_factor_that_puts_the_means_of_a_friction_by_direction_off_makes_nothi
 def test_numbers_that_no_effect_holds_have_a_prior_of_their_own():
     given, after = fit(80.0, 20.0, 200.0), fit(80.0, 30.0, 300.0, "actuator_delay")
     assert not simpler._puts_off(given, after, fit(95.0, 20.0, 200.0, "actuator_delay"))
+
+
+@pytest.mark.parametrize(
+    ("ratios", "unlike"),
+    [
+        ((1.0, 1.0, 1.0), 0.0),
+        ((1.02, 0.98, 1.0), 1.0),  # one standard deviation each, half of its square
+        ((0.96, 1.04, 1.02), 4.5),
+    ],
+)
+def test_numbers_beside_a_factor_are_as_unlike_it_as_they_are_off(ratios, unlike):
+    given = fit(80.0, 20.0, 200.0)
+    after = fit(*(a * b for a, b in zip((80.0, 20.0, 200.0), ratios, strict=True)), "torque_gain_error")
+    assert simpler._unlike(given, after) == pytest.approx(unlike)
+
+
+def test_numbers_that_a_factor_does_not_make_wrong_together_stay_numbers():
+    """Three guesses of one sign lie within some per cent of one factor by chance."""
+    given = with_missing(fit(1.0, 1.0, 1.0), 0.0, 1.0)
+    chosen = with_missing(fit(0.78, 0.85, 0.79, wide=("inertia", "coulomb", "viscous")), 1000.0, 0.1)
+    told = {}
+    for off in (0.01, 0.045):
+        after = with_missing(fit(1.0 - off, 1.0 + off, 1.0, "torque_gain_error"), 1010.0, 0.1)
+        told[off] = simpler._stands_for(Exact(given, ()), after, chosen, 1.0, 0.0)
+    assert told == {0.01: True, 0.045: False}
+
+
+def with_missing(one, evidence, left):
+    one.candidate.at_bound = list
+    one.evidence, one.missing_rms = evidence, lambda windows, moving=False: left
+    return one
 
 
 def test_what_gave_way_does_not_come_back(monkeypatch):
