@@ -172,13 +172,18 @@ def _one(
     print(dataclasses.replace(found, warnings=tuple(each for each in found.warnings if each not in record.notes)))
     record.stage("write")
     write_json(record.path(f"{prefix}{DIAGNOSIS}"), found.to_dict())
-    if found.model:
-        write_whole(record.path(f"{prefix}corrected.toml"), found.model)
-    if found.learned_model:
-        write_whole(record.path(f"{prefix}learned.toml"), found.learned_model)
+    for name, text in (("corrected.toml", found.model), ("learned.toml", found.learned_model)):
+        if text:
+            write_whole(record.path(f"{prefix}{name}"), text)
+        else:
+            record.without(f"{prefix}{name}")
     if found.posterior is not None:
         found.posterior.save(record.path(f"{prefix}posterior.npz"))
-    if not arguments.no_report:
+    else:
+        record.without(f"{prefix}posterior.npz")
+    if arguments.no_report:
+        record.without(f"{prefix}report.html")
+    else:
         record.path(f"{prefix}report.html")
         with busy("diagnose", "drawing the report"):
             found.report(folder)

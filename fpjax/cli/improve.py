@@ -114,15 +114,14 @@ def _write(found: Improvement, log: Log, record: RunFile, arguments: argparse.Na
             (record.folder / name).unlink(missing_ok=True)  # an earlier run's: these gains come from another diagnosis
     record.notes.extend(found.notes)
     write_json(record.path("improve.json"), found.to_dict())
-    tuned = record.path("tuned.toml")
     if found.model:
-        write_whole(tuned, _with_reference(found.model, log, record))
+        write_whole(record.path("tuned.toml"), _with_reference(found.model, log, record))
     else:
-        tuned.unlink(missing_ok=True)  # an earlier run's: this run proposes nothing
-        record.outputs.remove("tuned.toml")
+        record.without("tuned.toml")
+    pages = ("improve.html", "improve.png")
+    for name in pages:
+        (record.without if arguments.no_report else record.path)(name)
     if not arguments.no_report:
-        for name in ("improve.html", "improve.png"):
-            record.path(name)
         found.report(record.folder)
 
 
@@ -185,6 +184,8 @@ class _Store:
             write_json(self.record.path("diagnosis.json"), done.to_dict())
             if done.model:
                 write_whole(self.record.path("corrected.toml"), done.model)
+            else:
+                self.record.without("corrected.toml")
             if done.posterior is None:
                 raise InputError("The diagnosis has no posterior to draw machines from: nothing can be improved.")
             done.posterior.save(self.record.path("posterior.npz"))

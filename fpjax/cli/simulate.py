@@ -20,7 +20,8 @@ from .common import (
     say,
     table,
 )
-from .numbers import real, seed
+from .numbers import real
+from .numbers import seed as a_seed
 
 if TYPE_CHECKING:
     from ..model_file import Model
@@ -45,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_log_options(parser)
     parser.add_argument("--set", metavar="NAME=NUMBER", action="append", default=[], help="change a parameter")
     parser.add_argument("--duration", type=real, metavar="S", help="length of the run, instead of the model's [s]")
-    parser.add_argument("--seed", type=seed, default=0, help="of the sensor's noise (default 0)")
+    parser.add_argument("--seed", type=a_seed, help="of the sensor's noise (default 0)")
     parser.add_argument(
         "--margins", action="store_true", help="also linearise: gain, phase, delay, modulus margin, Bode, step response"
     )
@@ -73,6 +74,10 @@ def _check_together(arguments: argparse.Namespace) -> None:
         raise InputError("--margins needs a simulation: run it without --log.")
     if arguments.log and arguments.duration is not None:
         raise InputError("--duration has no effect with --log, whose rows are replayed: give --from and --to instead.")
+    if arguments.log and arguments.seed is not None:
+        raise InputError("--seed has no effect with --log: a replay is compared without sensor noise; leave it out.")
+    if arguments.at is not None and not arguments.margins:
+        raise InputError("--at is the speed at which the loop is linearised: add --margins, or leave --at out.")
     of_log = {
         "--from-rest": arguments.from_rest, "--columns": arguments.columns, "--rate": arguments.rate,
         "--from": arguments.start is not None, "--to": arguments.stop is not None, "--every": arguments.every != 1,
@@ -122,14 +127,15 @@ def _simulate(model: "Model", arguments: argparse.Namespace, record: RunFile) ->
     model.needed_controller()
     reference = model.needed_reference()
     duration = arguments.duration if arguments.duration is not None else model.needed_duration()
-    record.seeds["sensor noise"] = arguments.seed
+    seed = arguments.seed or 0
+    record.seeds["sensor noise"] = seed
     record.stage("simulate")
     with Stages("simulate") as stages:
         stages.stage("compiling, then running")
         run = simulate(
             model.loop, reference, dt=model.dt, duration=duration, solver=model.solver, stepping=model.stepping,
             substeps=model.substeps, measures=measures_of(model), record=recorded_names(model),
-            key=jax.random.key(arguments.seed),
+            key=jax.random.key(seed),
         )  # fmt: skip
     # written before the divergence is reported: the file shows what happened until then
     signals = {"time": np.asarray(run.time), **{name: np.asarray(each) for name, each in run.signals.items()}}

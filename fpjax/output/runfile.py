@@ -91,6 +91,14 @@ class RunFile:
         self.mark()
         return self.folder / name
 
+    def without(self, name: str) -> None:
+        """This run has no such result: one that an earlier run left in the folder would pass for its own, and goes."""
+        if self.folder is None:
+            return
+        self.mark()
+        if name in self._earlier and name not in self.outputs:
+            (self.folder / name).unlink(missing_ok=True)
+
     def mark(self) -> None:
         """Mark the folder unfinished, because from now on it may hold outputs of two runs."""
         if self.folder is None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from fpjax.cli import improve, main
+from fpjax.output.runfile import MARK, RunFile
 
 
 def write(folder, *, more="", reference=True, controller=True):
@@ -67,9 +68,9 @@ def test_another_runs_diagnosis_does_not_stay_beside_the_new_gains(tmp_path):
     def written(given):
         for name in own:
             (out / name).write_text("of an earlier run")
-        record = types.SimpleNamespace(folder=out, notes=[], outputs=[], path=lambda name: out / name)
+        record = RunFile(out, ["fpjax", "improve"])
         improve._write(found, case.log(), record, types.SimpleNamespace(diagnosis=given, no_report=True))
-        return {path.name for path in out.iterdir()}
+        return {path.name for path in out.iterdir()} - {MARK}
 
     assert written(str(tmp_path / "other")) == {"improve.json", "tuned.toml"}
     # its own diagnosis, made in this run or given by its folder, stays

@@ -46,6 +46,19 @@ def test_the_outputs_of_two_runs_do_not_look_like_one(tmp_path):
     refuse_unfinished(tmp_path / "b.json")
 
 
+def test_a_result_that_this_run_lacks_is_no_longer_in_the_folder(tmp_path):
+    begun(tmp_path, ["diagnosis.json", "learned.toml"]).write()
+    (tmp_path / "corrected.toml").write_text("the user's own")
+    record = begun(tmp_path, ["diagnosis.json"])
+    for name in ("learned.toml", "corrected.toml", "diagnosis.json"):
+        record.without(name)
+    record.write()
+    assert not (tmp_path / "learned.toml").exists()
+    assert (tmp_path / "corrected.toml").exists()  # never an output of this folder's runs
+    assert (tmp_path / "diagnosis.json").exists()  # this run's
+    RunFile(None, ["fpjax"]).without("learned.toml")  # no folder, nothing to remove
+
+
 def test_a_run_that_fails_before_its_first_output_leaves_the_earlier_one(tmp_path):
     begun(tmp_path, ["a.json"]).write()
     before = (tmp_path / "run.json").read_bytes()
