@@ -107,7 +107,16 @@ plan gallery loops pages command
 """
 
 
+# Of their `long` tests each is a whole diagnosis, tuning or benchmark: together eight minutes of two cores.
+WHOLE = {"gap", "tuning", "benchmarks"}
+
+
+# Before pytest's own, which picks by markers.
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config, items):
+    for item in items:
+        if item.get_closest_marker("long") and item.nodeid.split("/")[1] in WHOLE:
+            item.add_marker("whole")
     if hasattr(config, "workerinput"):
         place = {f"test_{name}.py": at for at, name in enumerate(LONGEST_FIRST.split())}
         items.sort(key=lambda item: place.get(item.path.name, len(place)))
