@@ -16,6 +16,7 @@ from ..fit.candidate import NOMINAL, SPIKE, SPIKE_RANGE, Candidate, Fit
 from ..thresholds import THRESHOLDS
 
 GUESS = 0.3  # standard deviation of a nominal value that was guessed, relative
+RIGHT, GUESSED, WILD = range(3)
 
 
 def wrong_numbers(fit: Fit, sizes: dict[str, float]) -> tuple[float, tuple[str, ...]]:
@@ -27,35 +28,35 @@ def wrong_numbers(fit: Fit, sizes: dict[str, float]) -> tuple[float, tuple[str, 
     """
     c, t = fit.candidate, THRESHOLDS
     names = [c.family.parameters[i].name for i in c.free]
-    wide = [(names.index(n), sizes[n]) for n in NOMINAL if n in c.wide]
-    as_fitted = _gained(c, c.spread)[0]
-    best, wrong = -np.inf, ()
-    for kinds in itertools.product(("right", "guess", "wild"), repeat=len(wide)):
-        spread = c.spread.copy()
-        for (i, size), kind in zip(wide, kinds, strict=True):
-            spread[i] = {"right": SPIKE * size, "guess": GUESS * size, "wild": c.spread[i]}[kind]
-        gained, moved = _gained(c, spread)
-        # A number that ends beyond what counts as right is not right: a fit with it would be held at a bound.
-        if any(k == "right" and abs(moved[i]) > SPIKE_RANGE * size for (i, size), k in zip(wide, kinds, strict=True)):
-            continue
-        odds = t.wrong_number * (sum(k != "right" for k in kinds) + kinds.count("wild"))
-        if gained + odds > best:
-            best, wrong = gained + odds, tuple(names[i] for (i, _), k in zip(wide, kinds, strict=True) if k != "right")
-    return fit.evidence + best - as_fitted, wrong
+    at = [names.index(n) for n in NOMINAL if n in c.wide]
+    size = np.array([sizes[names[i]] for i in at])
+    kinds = np.array(list(itertools.product((RIGHT, GUESSED, WILD), repeat=len(at))), int)  # (combinations, numbers)
+    spread = np.tile(c.spread, (len(kinds), 1))
+    spread[:, at] = np.choose(kinds, (SPIKE * size, GUESS * size, c.spread[at]))
+    gained, moved = _gained(c, spread)
+    # A number that ends beyond what counts as right is not right: a fit with it would be held at a bound.
+    out = np.any((kinds == RIGHT) & (np.abs(moved[:, at]) > SPIKE_RANGE * size), axis=1)
+    odds = t.wrong_number * (np.sum(kinds != RIGHT, axis=1) + np.sum(kinds == WILD, axis=1))
+    best = int(np.argmax(np.where(out, -np.inf, gained + odds)))
+    as_fitted = gained[-1]  # all wild
+    wrong = tuple(names[i] for i, kind in zip(at, kinds[best], strict=True) if kind != RIGHT)
+    return float(fit.evidence + gained[best] + odds[best] - as_fitted), wrong
 
 
-def _gained(c: Candidate, spread: Values) -> tuple[float, Values]:
+def _gained(c: Candidate, spread: Values) -> tuple[Values, Values]:
     """(log evidence of the fit's Gaussian under other priors, but for a constant; how far each parameter is then off).
 
     Args:
         c: a finished candidate.
-        spread: standard deviations of the priors, shape (free,).
+        spread: standard deviations of the priors, shape (combinations, free), as the second result; the first is
+            (combinations,).
     """
     data = c.normal / c.scale[:, None] / c.scale  # precision that the logs give the free parameters
-    was = 1.0 / c.spread**2
+    data = 0.5 * (data + data.T)
     # In units of the new priors: columns that a log does not tell apart only add a zero.
-    weight, turn = np.linalg.eigh(spread[:, None] * (0.5 * (data + data.T)) * spread)
+    weight, turn = np.linalg.eigh(spread[:, :, None] * data * spread[:, None, :])
     weight = np.maximum(weight, 0.0)
-    pull = turn.T @ (spread * ((data + np.diag(was)) @ (c.vector[c.free] - c.center)))
-    gained = 0.5 * float(np.sum(pull**2 / (1.0 + weight)) - np.sum(np.log1p(weight)))
-    return gained, spread * (turn @ (pull / (1.0 + weight)))
+    slope = (data + np.diag(1.0 / c.spread**2)) @ (c.vector[c.free] - c.center)
+    pull = np.einsum("ckj,ck->cj", turn, spread * slope)
+    gained = 0.5 * (np.sum(pull**2 / (1.0 + weight), axis=1) - np.sum(np.log1p(weight), axis=1))
+    return gained, spread * np.einsum("ckj,cj->ck", turn, pull / (1.0 + weight))
