@@ -107,15 +107,17 @@ plan gallery loops pages command
 """
 
 
-# Of their `long` tests each is a whole diagnosis, tuning or benchmark: together eight minutes of two cores.
+# Of their `long` tests each is a whole diagnosis, tuning or benchmark.
 WHOLE = {"gap", "tuning", "benchmarks"}
+TESTS = pathlib.Path(__file__).parent
 
 
 # Before pytest's own, which picks by markers.
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config, items):
     for item in items:
-        if item.get_closest_marker("long") and item.nodeid.split("/")[1] in WHOLE:
+        own = item.path.relative_to(TESTS).parts if item.path.is_relative_to(TESTS) else ()
+        if item.get_closest_marker("long") and own[0:1] and own[0] in WHOLE:
             item.add_marker("whole")
     if hasattr(config, "workerinput"):
         place = {f"test_{name}.py": at for at, name in enumerate(LONGEST_FIRST.split())}

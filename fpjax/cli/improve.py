@@ -187,6 +187,7 @@ class _Store:
             else:
                 self.record.without("corrected.toml")
             if done.posterior is None:
+                self.record.without("posterior.npz")
                 raise InputError("The diagnosis has no posterior to draw machines from: nothing can be improved.")
             done.posterior.save(self.record.path("posterior.npz"))
             write_json(self.folder / DIAGNOSIS, {"key": self.key})

@@ -76,6 +76,8 @@ def _check_together(arguments: argparse.Namespace) -> None:
         raise InputError("--duration has no effect with --log, whose rows are replayed: give --from and --to instead.")
     if arguments.log and arguments.seed is not None:
         raise InputError("--seed has no effect with --log: a replay is compared without sensor noise; leave it out.")
+    if arguments.at is not None and arguments.log:
+        raise InputError("--at is the speed at which a simulated loop is linearised: leave it out with --log.")
     if arguments.at is not None and not arguments.margins:
         raise InputError("--at is the speed at which the loop is linearised: add --margins, or leave --at out.")
     of_log = {

@@ -106,7 +106,7 @@ class RunFile:
         if not self._marked:
             # The outputs of an earlier run are noted in the mark: until this run has finished, they are refused too.
             run, unfinished = _read(self.folder / RUN), _read(self.folder / MARK)
-            self._earlier = sorted({*_names(run, "outputs"), *_names(unfinished, "outputs", "earlier")})
+            self._earlier = sorted({*_names(run, "outputs", "earlier"), *_names(unfinished, "outputs", "earlier")})
         content = {
             "command": self.command,
             "process": os.getpid(),
@@ -148,7 +148,9 @@ class RunFile:
             },
             "notes": self.notes,
         }
-        write_json(self.folder / RUN, content)
+        # What runs before this one left here and this one did not write: a later one that lacks it knows it for theirs.
+        earlier = [name for name in self._earlier if name not in self.outputs and (self.folder / name).exists()]
+        write_json(self.folder / RUN, content | ({"earlier": earlier} if earlier else {}))
         if status == "completed":
             (self.folder / MARK).unlink(missing_ok=True)
             sync_folder(self.folder)

@@ -165,6 +165,7 @@ def test_options_without_effect_are_refused(servo, log, capsys):
     refuse(capsys, "simulate", servo, "--log", log, "--duration", 0.1, match="--duration has no effect with --log")
     refuse(capsys, "simulate", servo, "--log", log, "--seed", 1, match="--seed has no effect with --log")
     refuse(capsys, "simulate", servo, "--at", 0.5, match="add --margins, or leave --at out")
+    refuse(capsys, "simulate", servo, "--log", log, "--at", 0.5, match="leave it out with --log")
     for words in (["--from", 0.1], ["--from-rest"], ["--strict"], ["--every", 2]):
         refuse(capsys, "simulate", servo, *words, match=f"{words[0]} is about a log, but none is given")
     refuse(capsys, "tune", servo, "--spread", "plant.inertia=0.2,0.5", match="has 2 shares: give one")

@@ -186,14 +186,21 @@ def test_of_a_nominal_model_that_misses_nothing_nothing_is_taken(missing, left):
     assert weighing.weighed_fit(None, weighing.Exact(fit(missing), ()), fit(0.5), 10.0).left == left
 
 
+@pytest.fixture(autouse=True)
+def _stand_ins_have_no_likelihood(monkeypatch):
+    """Of a stand-in's evidence wrong numbers cost a nat each."""
+    monkeypatch.setattr(simpler, "wrong_numbers", lambda fit, sizes: (fit.evidence - len(fit.candidate.wide), ()))
+    monkeypatch.setattr(simpler, "nominal_sizes", lambda setting: {})
+
+
 GIVEN = {"inertia": 2.0, "coulomb": 0.5, "viscous": 0.1}
 
 
-def fit(names, wide, bound, left, evidence=990.0, values=None):
+def fit(names, wide, strain, left, evidence=990.0, values=None):
     values = GIVEN | (values or {})
     candidate = SimpleNamespace(
         structural=names, effects=tuple(effect for effect in EFFECTS if effect.name in names), wide=frozenset(wide),
-        names=names, at_bound=lambda: bound, values=lambda: values,
+        names=names, at_bound=list, strain=strain or 0.0, values=lambda: values,
     )  # fmt: skip
     return SimpleNamespace(candidate=candidate, evidence=evidence, missing_rms=lambda windows, moving=False: left)
 
@@ -214,42 +221,42 @@ def simpler_search(fits, hopeless, plain=0.0, turning_load=0j):
 def test_what_stands_for_a_detail_is_likelier_than_nothing_in_its_place(monkeypatch):
     """A ripple of 20 of 1,000 nats: a weight that brings none of them is no simpler form of it."""
     monkeypatch.setattr(simpler, "resolved", lambda search, fit: True)
-    chosen = weighing.Weighed(fit(("stribeck", "cogging"), (), [], 0.1, 1000.0), 1000.0, 1000.0, 0.1)
-    exact, hopeless = weighing.Exact(fit((), (), [], 1.0, 0.0), ()), fit((), (), [], 9.0, -1e9)
-    weight = fit(("stribeck", "unbalance"), (), [], 0.1, 980.0)
+    chosen = weighing.Weighed(fit(("stribeck", "cogging"), (), 0.0, 0.1, 1000.0), 1000.0, 1000.0, 0.1)
+    exact, hopeless = weighing.Exact(fit((), (), 0.0, 1.0, 0.0), ()), fit((), (), 0.0, 9.0, -1e9)
+    weight = fit(("stribeck", "unbalance"), (), 0.0, 0.1, 980.0)
     for evidence, told in ((985.0, chosen.structural), (970.0, ("stribeck", "unbalance"))):
-        search = simpler_search([weight, fit(("stribeck",), (), [], 0.1, evidence)], hopeless)
+        search = simpler_search([weight, fit(("stribeck",), (), 0.0, 0.1, evidence)], hopeless)
         assert simpler.simpler(search, exact, chosen).structural == told
 
 
-def test_a_factor_is_no_simpler_cause_where_the_numbers_end_at_the_bounds_of_what_counts_as_right(monkeypatch):
+def test_a_factor_is_no_simpler_cause_where_the_numbers_beside_it_are_off(monkeypatch):
     def of(factor, plain=0.0):
-        return simpler_search([factor], fit((), (), [], 9.0, -1e9), plain)
+        return simpler_search([factor], fit((), (), 0.0, 9.0, -1e9), plain)
 
-    chosen = weighing.Weighed(fit(("stribeck",), ("inertia", "coulomb"), [], 0.1), 1000.0, 1000.0, 0.1)
-    exact = weighing.Exact(fit((), (), [], 1.0, 0.0), ())
+    chosen = weighing.Weighed(fit(("stribeck",), ("inertia", "coulomb"), 0.0, 0.1), 1000.0, 1000.0, 0.1)
+    exact = weighing.Exact(fit((), (), 0.0, 1.0, 0.0), ())
     monkeypatch.setattr(simpler, "resolved", lambda search, fit: True)
     both = ("stribeck", "torque_gain_error")
-    for bound, evidence, told in (([], 990.0, both), (["inertia"], 990.0, ("stribeck",)), (["inertia"], 1010.0, both)):
-        factor = fit(both, (), bound, 0.1, evidence)
+    for strain, evidence, told in ((2.9, 990.0, both), (3.1, 990.0, ("stribeck",)), (3.1, 1010.0, ("stribeck",))):
+        factor = fit(both, (), strain, 0.1, evidence)
         assert simpler.simpler(of(factor), exact, chosen).structural == told
     # As a factor does, a friction that grows with the load: where the motor hardly ever brakes it is nearly one.
     loaded = ("stribeck", "load_dependent_friction")
-    assert simpler.simpler(of(fit(loaded, (), [], 0.1)), exact, chosen).structural == loaded
+    assert simpler.simpler(of(fit(loaded, (), 0.0, 0.1)), exact, chosen).structural == loaded
     # What it loses is of what the numbers bring: five of a thousand, not five of fifteen.
-    assert simpler.simpler(of(fit(both, (), [], 0.1, 985.0)), exact, chosen).structural == both
-    assert simpler.simpler(of(fit(both, (), [], 0.1, 985.0), 975.0), exact, chosen).structural == ("stribeck",)
+    assert simpler.simpler(of(fit(both, (), 0.0, 0.1, 985.0)), exact, chosen).structural == both
+    assert simpler.simpler(of(fit(both, (), 0.0, 0.1, 985.0), 975.0), exact, chosen).structural == ("stribeck",)
     # In the place of one wrong number it must be the likelier of the two.
-    chosen = weighing.Weighed(fit(("stribeck",), ("inertia",), [], 0.1), 1000.0, 1000.0, 0.1)
+    chosen = weighing.Weighed(fit(("stribeck",), ("inertia",), 0.0, 0.1), 1000.0, 1000.0, 0.1)
     for evidence, told in ((990.0, ("stribeck",)), (1010.0, both)):
-        factor = fit(both, (), [], 0.1, evidence)
+        factor = fit(both, (), 0.0, 0.1, evidence)
         assert simpler.simpler(of(factor), exact, chosen).structural == told
     # Unless a friction by direction stands beside it whose means are off by as much, and as they were given beside one.
     sides = "asymmetric_friction"
-    off = fit((sides,), ("inertia",), [], 0.1, values={"inertia": 1.6, "coulomb": 0.4, "viscous": 0.08})
+    off = fit((sides,), ("inertia",), 0.0, 0.1, values={"inertia": 1.6, "coulomb": 0.4, "viscous": 0.08})
     chosen, both = weighing.Weighed(off, 1000.0, 1000.0, 0.1), (sides, "torque_gain_error")
     for coulomb, told in ((0.99 * 0.5, both), (0.94 * 0.5, (sides,)), (1.2 * 0.5, (sides,))):
-        factor = fit(both, (), [], 0.1, values={"inertia": 2.0, "coulomb": coulomb, "viscous": 0.1})
+        factor = fit(both, (), 0.0, 0.1, values={"inertia": 2.0, "coulomb": coulomb, "viscous": 0.1})
         assert simpler.simpler(of(factor), exact, chosen).structural == told
 
 
@@ -261,9 +268,9 @@ def test_a_factor_stands_for_the_error_of_a_known_load_and_of_the_numbers_togeth
     monkeypatch, turning_load, wide, stands
 ):
     monkeypatch.setattr(simpler, "resolved", lambda search, fit: True)
-    chosen = weighing.Weighed(fit(("cogging", "unbalance"), wide, [], 0.1, 1000.0), 1000.0, 1000.0, 0.1)
-    exact, hopeless = weighing.Exact(fit((), (), [], 1.0, 0.0), ()), fit((), (), [], 9.0, -1e9)
-    factor, rest = fit(("cogging", "torque_gain_error"), (), [], 0.1, 990.0), fit(("cogging",), (), [], 0.3, 900.0)
+    chosen = weighing.Weighed(fit(("cogging", "unbalance"), wide, 0.0, 0.1, 1000.0), 1000.0, 1000.0, 0.1)
+    exact, hopeless = weighing.Exact(fit((), (), 0.0, 1.0, 0.0), ()), fit((), (), 0.0, 9.0, -1e9)
+    factor, rest = fit(("cogging", "torque_gain_error"), (), 0.0, 0.1, 990.0), fit(("cogging",), (), 0.0, 0.3, 900.0)
     search = simpler_search([factor, rest], hopeless, turning_load=turning_load)
     told = ("cogging", "torque_gain_error") if stands else ("cogging", "unbalance")
     assert simpler.simpler(search, exact, chosen).structural == told

@@ -59,6 +59,17 @@ def test_a_result_that_this_run_lacks_is_no_longer_in_the_folder(tmp_path):
     RunFile(None, ["fpjax"]).without("learned.toml")  # no folder, nothing to remove
 
 
+def test_what_a_run_left_is_known_after_another_run_in_between(tmp_path):
+    begun(tmp_path, ["diagnosis.json", "learned.toml"]).write()
+    begun(tmp_path, ["diagnosis.json"], "fpjax resumed").write()
+    assert read_run(tmp_path)["earlier"] == ["learned.toml"]
+    record = begun(tmp_path, ["diagnosis.json"])
+    record.without("learned.toml")
+    record.write()
+    assert not (tmp_path / "learned.toml").exists()
+    assert "earlier" not in read_run(tmp_path)
+
+
 def test_a_run_that_fails_before_its_first_output_leaves_the_earlier_one(tmp_path):
     begun(tmp_path, ["a.json"]).write()
     before = (tmp_path / "run.json").read_bytes()

@@ -108,6 +108,18 @@ class Candidate:
         held = {p.name for p in UNBALANCE} - own
         return tuple(name for i in self.free if (name := self.family.parameters[i].name) in held)
 
+    @property
+    def strain(self) -> float:
+        """Log density [nats] of being right that the nominal numbers lose which count as right: how far off they are.
+
+        Torque that is off by a factor makes all numbers wrong by the same share; guesses are so by chance alone, and
+        beside one factor they end some per cent off, on either side.
+        """
+        own = {p.name for effect in self.effects for p in effect.parameters}
+        names = [self.family.parameters[i].name for i in self.free]
+        right = np.array([name in NOMINAL and name not in self.wide | own for name in names], bool)
+        return 0.5 * float(np.sum(((self.vector[self.free] - self.center) / self.spread)[right] ** 2))
+
     def at_bound(self) -> list[str]:
         """Names of the free parameters that ended at a bound of the search."""
         least, most = self._ends()

@@ -51,7 +51,8 @@ def late_torque(search: Search, decision: Decision) -> float:
     """
     c, exact = decision.chosen.fit.candidate, Exact(decision.exact, decision.judged)
     beside = [Start((*c.effects, LATE_TORQUE), tuple(c.wide), {**c.values(), **one}, c) for one in _late_by(search)]
-    late = _late(search, exact, decision.chosen.fit, decision.chosen.evidence, beside, THRESHOLDS.part**2)
+    chosen = decision.chosen.fit
+    late = _late(search, exact, chosen, chosen.evidence - len(chosen.candidate.wide), beside, THRESHOLDS.part**2)
     return 0.0 if late is None else _delay(late)
 
 
@@ -67,7 +68,7 @@ def _late(search: Search, exact: Exact, fit: Fit, evidence: float, beside: Seque
         search: of the logs.
         exact: what models are weighed against.
         fit: with what is chosen so far.
-        evidence: of it, less a nat for each nominal number that is free, as `settled` counts them [nats].
+        evidence: of it, less a nat for each nominal number that is free, as `best` below is counted [nats].
         beside: starts of it with a late torque.
         most: share of its missing energy that may be left [1].
     """

@@ -15,7 +15,6 @@ from ...logs.arrays import Values
 from ..fit.candidate import NOMINAL, SPIKE, SPIKE_RANGE, Candidate, Fit
 from ..thresholds import THRESHOLDS
 
-GUESS = 0.3  # standard deviation of a nominal value that was guessed, relative
 RIGHT, GUESSED, WILD = range(3)
 
 
@@ -32,7 +31,7 @@ def wrong_numbers(fit: Fit, sizes: dict[str, float]) -> tuple[float, tuple[str, 
     size = np.array([sizes[names[i]] for i in at])
     kinds = np.array(list(itertools.product((RIGHT, GUESSED, WILD), repeat=len(at))), int)  # (combinations, numbers)
     spread = np.tile(c.spread, (len(kinds), 1))
-    spread[:, at] = np.choose(kinds, (SPIKE * size, GUESS * size, c.spread[at]))
+    spread[:, at] = np.choose(kinds, (SPIKE * size, t.wild * size, c.spread[at]))
     gained, moved = _gained(c, spread)
     # A number that ends beyond what counts as right is not right: a fit with it would be held at a bound.
     out = np.any((kinds == RIGHT) & (np.abs(moved[:, at]) > SPIKE_RANGE * size), axis=1)

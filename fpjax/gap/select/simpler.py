@@ -3,10 +3,11 @@
 from collections.abc import Collection, Iterator, Sequence
 
 from ..effects.effect import Effect
-from ..fit.candidate import NOMINAL, SPIKE, SPIKE_RANGE, Candidate, Fit, Start
+from ..fit.candidate import NOMINAL, SPIKE_RANGE, Candidate, Fit, Start, nominal_sizes
 from ..fit.search import Search
 from ..thresholds import THRESHOLDS
 from .detectability import resolved
+from .nominal_errors import wrong_numbers
 from .shares import numbers_of, without_effect
 from .weighed import CONTAINED, Exact, Weighed, weighed_fit, whole_gap
 
@@ -56,7 +57,7 @@ def simpler(search: Search, exact: Exact, chosen: Weighed) -> Weighed:
             return chosen
         best = plainest(near)  # none lacks torque that matters
         seen.add(_free_in(best))
-        chosen = weighed_fit(search, exact, best, best.evidence - len(best.candidate.wide))
+        chosen = weighed_fit(search, exact, best, wrong_numbers(best, nominal_sizes(search.setting))[0])
 
 
 def _free_in(fit: Fit) -> tuple[frozenset[str], frozenset[str]]:
@@ -98,11 +99,9 @@ def _stands_for(exact: Exact, fit: Fit, chosen: Fit, whole: float, plain: float)
     if set(after.structural) > set(before.structural):
         if _puts_off(exact.fit, fit, chosen):
             return False
-        # One factor. Numbers that end at the bounds of what counts as right are wrong too, and one number is no more
-        # than one factor is: then it must be the likelier.
-        bounded = bool(set(after.at_bound()) & set(NOMINAL))
-        doubtful = bounded or (len(before.wide) == 1 and not _stands_beside_sides(exact.fit, fit, chosen))
-        if set(after.structural) & set(FACTORS) and _unlike(exact.fit, fit) > THRESHOLDS.unlike:
+        # One factor. One number is no more than it is: then it must be the likelier.
+        doubtful = len(before.wide) == 1 and not _stands_beside_sides(exact.fit, fit, chosen)
+        if after.strain > THRESHOLDS.unlike:
             return False
         # Of what the numbers bring: beside a cause that brings thousands of nats a hundredth of all is no small loss.
         return slight and _lost(fit, chosen, plain) < THRESHOLDS.factor and (ahead or not doubtful)
@@ -133,18 +132,6 @@ def _puts_off(given: Fit, fit: Fit, chosen: Fit) -> bool:
     held = {n for effect in chosen.candidate.effects for n in numbers_of(effect)}
     old, first, then = (one.candidate.values() for one in (given, chosen, fit))
     return any(abs(then[n] - old[n]) > max(abs(first[n] - old[n]), SPIKE_RANGE * abs(old[n])) for n in held)
-
-
-def _unlike(given: Fit, fit: Fit) -> float:
-    """How unlike one factor the nominal numbers are [nats]: the log density that they lose beside it, of being right.
-
-    Torque that is off by a factor makes all of them wrong by the same share; numbers that were guessed are so by
-    chance alone, and beside a factor they end some per cent off, on either side.
-    """
-    c, old, then = fit.candidate, given.candidate.values(), fit.candidate.values()
-    held = {n for effect in c.effects for n in numbers_of(effect)}
-    free = [n for n in NOMINAL if old.get(n, 0.0) > 0.0 and n not in held | set(c.wide)]
-    return sum(0.5 * ((then[n] / old[n] - 1.0) / SPIKE) ** 2 for n in free)
 
 
 def _stands_beside_sides(given: Fit, fit: Fit, chosen: Fit) -> bool:

@@ -202,7 +202,7 @@ def settled(search: Search, exact: Exact, weighed: Weighed) -> Weighed:
     if set(wrong) == set(weighed.fit.candidate.wide):
         return weighed
     fit = search.refit(weighed.fit, wrong)
-    return weighed_fit(search, exact, fit, max(evidence, fit.evidence - len(wrong)))
+    return weighed_fit(search, exact, fit, max(evidence, wrong_numbers(fit, nominal_sizes(search.setting))[0]))
 
 
 def first_settled(search: Search, exact: Exact, ordered: Sequence[Weighed]) -> Weighed:
