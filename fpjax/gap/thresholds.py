@@ -99,8 +99,8 @@ class Thresholds:
         reading: error of the velocity reading, of the speed's rms [1], from which on it is told.
         wrong_number: log prior odds that one nominal number is wrong [1], and that a wrong one is wild and no guess.
         wild: error [1] of a nominal friction number, of its size, beyond which it is no guess, and may stand for an
-            effect; the standard deviation of one that is. Set on opened logs: one of a third generator, two of seeds 70 to
-            74, one of seed 60.
+            effect; the standard deviation of one that is. Set on opened logs: one of a third generator, two of seeds
+            70 to 74, one of seed 60.
         comes_back: of its distance [1] from the given value, what a wrong number may keep at most beside an effect or a
             factor for that to bring it back. Set on three opened logs of seeds 201 to 210.
         stands_in: share [1] of the evidence that the likeliest effect alone brings over the nominal numbers, which a
