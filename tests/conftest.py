@@ -117,7 +117,7 @@ TESTS = pathlib.Path(__file__).parent
 def pytest_collection_modifyitems(config, items):
     for item in items:
         own = item.path.relative_to(TESTS).parts if item.path.is_relative_to(TESTS) else ()
-        if item.get_closest_marker("long") and own[0:1] and own[0] in WHOLE:
+        if item.get_closest_marker("long") and WHOLE.intersection(own[:1]):
             item.add_marker("whole")
     if hasattr(config, "workerinput"):
         place = {f"test_{name}.py": at for at, name in enumerate(LONGEST_FIRST.split())}

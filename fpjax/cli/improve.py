@@ -118,9 +118,9 @@ def _write(found: Improvement, log: Log, record: RunFile, arguments: argparse.Na
         write_whole(record.path("tuned.toml"), _with_reference(found.model, log, record))
     else:
         record.without("tuned.toml")
-    pages = ("improve.html", "improve.png")
-    for name in pages:
-        (record.without if arguments.no_report else record.path)(name)
+    note = record.without if arguments.no_report else record.path
+    for name in ("improve.html", "improve.png"):
+        note(name)
     if not arguments.no_report:
         found.report(record.folder)
 

@@ -20,8 +20,7 @@ from .common import (
     say,
     table,
 )
-from .numbers import real
-from .numbers import seed as a_seed
+from .numbers import real, seed
 
 if TYPE_CHECKING:
     from ..model_file import Model
@@ -46,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_log_options(parser)
     parser.add_argument("--set", metavar="NAME=NUMBER", action="append", default=[], help="change a parameter")
     parser.add_argument("--duration", type=real, metavar="S", help="length of the run, instead of the model's [s]")
-    parser.add_argument("--seed", type=a_seed, help="of the sensor's noise (default 0)")
+    parser.add_argument("--seed", type=seed, help="of the sensor's noise (default 0)")
     parser.add_argument(
         "--margins", action="store_true", help="also linearise: gain, phase, delay, modulus margin, Bode, step response"
     )
@@ -129,15 +128,14 @@ def _simulate(model: "Model", arguments: argparse.Namespace, record: RunFile) ->
     model.needed_controller()
     reference = model.needed_reference()
     duration = arguments.duration if arguments.duration is not None else model.needed_duration()
-    seed = arguments.seed or 0
-    record.seeds["sensor noise"] = seed
+    noise = record.seeds["sensor noise"] = arguments.seed or 0
     record.stage("simulate")
     with Stages("simulate") as stages:
         stages.stage("compiling, then running")
         run = simulate(
             model.loop, reference, dt=model.dt, duration=duration, solver=model.solver, stepping=model.stepping,
             substeps=model.substeps, measures=measures_of(model), record=recorded_names(model),
-            key=jax.random.key(seed),
+            key=jax.random.key(noise),
         )  # fmt: skip
     # written before the divergence is reported: the file shows what happened until then
     signals = {"time": np.asarray(run.time), **{name: np.asarray(each) for name, each in run.signals.items()}}

@@ -110,10 +110,11 @@ class Candidate:
 
     @property
     def strain(self) -> float:
-        """Log density [nats] of being right that the nominal numbers lose which count as right: how far off they are.
+        """What the nominal numbers that count as right lose of the log density of their priors [nats].
 
-        Torque that is off by a factor makes all numbers wrong by the same share; guesses are so by chance alone, and
-        beside one factor they end some per cent off, on either side.
+        Half the sum of their squared deviations from the given values, in standard deviations. Torque that is off by a
+        factor makes all numbers wrong by the same share; guesses are so by chance alone, and beside one factor they
+        end some per cent off, on either side.
         """
         own = {p.name for effect in self.effects for p in effect.parameters}
         names = [self.family.parameters[i].name for i in self.free]

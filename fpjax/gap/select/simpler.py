@@ -99,10 +99,10 @@ def _stands_for(exact: Exact, fit: Fit, chosen: Fit, whole: float, plain: float)
     if set(after.structural) > set(before.structural):
         if _puts_off(exact.fit, fit, chosen):
             return False
-        # One factor. One number is no more than it is: then it must be the likelier.
-        doubtful = len(before.wide) == 1 and not _stands_beside_sides(exact.fit, fit, chosen)
         if after.strain > THRESHOLDS.unlike:
             return False
+        # One factor. One number is no more than it is: then it must be the likelier.
+        doubtful = len(before.wide) == 1 and not _stands_beside_sides(exact.fit, fit, chosen)
         # Of what the numbers bring: beside a cause that brings thousands of nats a hundredth of all is no small loss.
         return slight and _lost(fit, chosen, plain) < THRESHOLDS.factor and (ahead or not doubtful)
     # A model that is less likely than one that it contains has not found its best: less torque left is chance.
