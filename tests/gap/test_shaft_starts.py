@@ -149,7 +149,7 @@ def test_a_stiff_closed_shaft_leaves_nothing_beside_a_known_load(side):
     objective = _Objective(
         ImposedMotion(states, 0, search.records[0], course, numbers, numbers, search.setting), side, (0.03,)
     )
-    weights = np.mean(objective._energies(objective.held[:, None])[0])
+    weights = np.mean(objective._energies(objective.held[None])[0])
     closed = [1e-9 * search.setting.speed, 0.3, 150.0, 0.3, 0.3, 0.3, *numbers.values()]
     # One sum of squares in the logarithm: what is left of the friction's share and the load, of which little may be.
     (score,) = objective.scores(np.array([closed]).T)

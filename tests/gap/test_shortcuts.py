@@ -40,9 +40,9 @@ def test_a_period_explains_what_least_squares_says():
 @pytest.mark.parametrize("samples", [300, 4001])
 def test_low_passes_are_butterworths_forwards_and_backwards(samples):
     corners, course = [0.02, 0.08], np.random.default_rng(2).standard_normal((samples, 3)).cumsum(axis=0)
-    for corner, found in zip(corners, _passed(course, _filters(samples, corners)), strict=True):
+    for corner, found in zip(corners, _passed(course.T, _filters(samples, corners)), strict=True):
         wanted = sosfiltfilt(butter(ORDER, 2.0 * corner, output="sos"), course, axis=0)
-        inside = slice(100, -100)
+        found, inside = found.T, slice(100, -100)
         np.testing.assert_allclose(found[inside], wanted[inside], atol=2e-2 * np.std(course))
         if samples > 1000:
             np.testing.assert_allclose(found[1000:-1000], wanted[1000:-1000], atol=1e-8)

@@ -16,8 +16,8 @@ from .least_squares import Fitter, Linear
 from .measure import Measure
 from .modes import Modes
 
-# Steps for the start values of withheld windows, in two rounds, each after an estimate of the hidden states. (Three
-# steps were too few: an exact model could lose 170,000 nats on one withheld window.)
+# Steps for the start values of withheld windows, in two rounds, each after an estimate of the hidden states; together
+# where there are none. (Three steps were too few: an exact model could lose 170,000 nats on one withheld window.)
 PROPER = (4, 8)
 
 
@@ -64,7 +64,7 @@ def _scores(search: Scoring, candidates: Sequence[Candidate]) -> list[Fit]:
             # The same values with no parameter free: on withheld windows the start values alone are fitted.
             c, free=np.zeros(0, int), low=np.zeros(0), high=np.zeros(0), center=np.zeros(0), spread=np.ones(0),
             scale=np.zeros(0), reach=np.zeros(0), states=[s.copy() for s in c.states],
-            hidden=[h.copy() for h in c.hidden], converged=False, damping=1e-3,
+            hidden=[h.copy() for h in c.hidden], converged=False, damping=1e-3, beside=np.inf,
         )  # fmt: skip
         still.append(fixed)
     left_out, fits, judge = _withheld_parts(search, still, fitter), [], fitter.judging
@@ -101,8 +101,9 @@ def _withheld_parts(search: Scoring, still: Sequence[Candidate], fitter: Fitter)
                 s[first:, chosen] = 0.0
 
     rest(0)
-    for steps in PROPER:
-        if (own := search.hidden_states.get(still[0].family.key)) is not None:
+    own = search.hidden_states.get(still[0].family.key)
+    for steps in PROPER if own is not None else (sum(PROPER),):
+        if own is not None:
             estimate_hidden_states(fitter, own, search.records, still, search.withheld)
             rest(2)
         for fixed in still:

@@ -201,11 +201,11 @@ class _Objective:
         speed = 0.5 * (record.speed[1:] + record.speed[:-1])
         # A smooth sign: at a reversal the sign of a measured speed is uncertain by a few samples.
         turning = np.tanh(speed / (MOVING * setting.speed))
-        self.slope = np.diff(record.speed) / record.dt
-        self.turning, self.speed = turning, speed
-        self.level, self.drag, self.held = _beside(log, speed)
-        inertial, level, drag = self._parts(*([nominal[name]] for name in NOMINAL))
-        self.given = (inertial + level + drag)[:, 0]
+        # Torques are linear in these, so that their means over `COARSE` samples are those of what they are made of.
+        self.slope, self.turning, self.speed = (_coarse(x) for x in (np.diff(record.speed) / record.dt, turning, speed))
+        level, drag, held = _beside(log, speed)
+        self.level, self.drag, self.held = _coarse(turning * level), _coarse(drag), _coarse(held)
+        self.given = sum(self._parts(*([nominal[name]] for name in NOMINAL)))
         corners = [share * highest_frequency(setting) * record.dt * COARSE for share in bands]
         self.filters = _filters(len(speed) // COARSE, corners)
         course = log.course[:-1]
@@ -216,9 +216,9 @@ class _Objective:
         rows = inside[:, None] + np.arange(half)
         self.rows = rows[np.all(np.isfinite(known[rows]), axis=1)]
         self.usable = len(self.rows) > 0 and half > 1
-        self.missing = np.where(np.isfinite(course), course, 0.0)
+        self.missing = _coarse(np.where(np.isfinite(course), course, 0.0))[None]
         if self.usable:
-            self.floors = [FLOOR * np.mean(energy) for energy in self._energies(self.missing[:, None])]
+            self.floors = [FLOOR * np.mean(energy) for energy in self._energies(self.missing)]
 
     def scores(self, rows: Values) -> Values:
         """Mean logarithm of the torque's energy that is left, lower is better, shape (lanes,).
@@ -237,11 +237,11 @@ class _Objective:
             some = rows[:, first : first + LANES]
             vectors = np.repeat(base[:, None], some.shape[1], axis=1)
             vectors[places] = some
-            shaft = log.hidden_states.shafts(vectors, log.which)
-            share, (level, smooth), (inertia, coulomb, viscous) = some[1], some[4:6], some[6:]
+            shaft = np.ascontiguousarray(_coarse(log.hidden_states.shafts(vectors, log.which)).T)
+            share, (level, smooth), (inertia, coulomb, viscous) = some[1, :, None], some[4:6, :, None], some[6:]
             parts = self._parts(inertia, coulomb, viscous)
             # What the load side takes: its inertia, its share of the friction, a known load.
-            taken = share * parts[0] + level * parts[1] + smooth * parts[2] + self.held[:, None]
+            taken = share * parts[0] + level * parts[1] + smooth * parts[2] + self.held
             if self.side > 0.5:
                 # The load takes what the shaft gives, as the simulated motor winds it up; the rest as a torque at the
                 # command, which reaches the shaft through the motor alone: else a weak spring would leave hardly any.
@@ -249,40 +249,39 @@ class _Objective:
             else:
                 # One mass: J a = u - friction + missing. The motor: (1 - share) J a = u - its friction - shaft.
                 # Their difference is the missing torque that this shaft would explain, beside other numbers.
-                missing = self.missing[:, None] + sum(parts) - self.given[:, None]
+                missing = self.missing + sum(parts) - self.given
                 left = self._energies(missing - (taken - shaft))
-            found.append(sum(np.mean(np.log(e + floor), axis=0) for e, floor in zip(left, self.floors, strict=True)))
+            found.append(sum(np.mean(np.log(e + floor), axis=1) for e, floor in zip(left, self.floors, strict=True)))
         out = np.concatenate(found)
         return np.where(np.isfinite(out), out, np.inf)
 
     def _parts(self, inertia: ArrayLike, coulomb: ArrayLike, viscous: ArrayLike) -> tuple[Values, Values, Values]:
-        """Torques of the inertia, of the friction's level and of its drag [N m], each (samples, lanes)."""
-        level = self.turning[:, None] * (np.asarray(coulomb) + self.level[:, None])
-        drag = self.speed[:, None] * np.asarray(viscous) + self.drag[:, None]
-        return np.asarray(inertia) * self.slope[:, None], level, drag
+        """Torques of the inertia, of the friction's level and of its drag [N m], each (lanes, coarse samples)."""
+        inertia, coulomb, viscous = (np.asarray(one)[:, None] for one in (inertia, coulomb, viscous))
+        return inertia * self.slope, self.turning * coulomb + self.level, self.speed * viscous + self.drag
 
     def _lost(self, rows: Values) -> Values:
-        """Torque at the command over what of it reaches a clamped load through the shaft [1], (frequencies, lanes).
+        """Torque at the command over what of it reaches a clamped load through the shaft [1], (lanes, frequencies).
 
         At least 1: where the motor swings on the shaft less is needed, but hardly ever as little as that.
         """
-        dt, (share, hertz, ratio, _, smooth, inertia, _, viscous) = self.log.record.dt, rows[1:]
+        dt, (share, hertz, ratio, _, smooth, inertia, _, viscous) = self.log.record.dt, rows[1:, :, None]
         frequency = 2.0 * np.pi * hertz
         reduced = inertia * share * (1.0 - share)
         stiffness, damping = reduced * frequency**2, 2.0 * ratio * reduced * frequency
-        s = 2j * np.pi * np.fft.rfftfreq(2 * (len(self.filters[0]) - 1), COARSE * dt)[:, None]
+        s = 2j * np.pi * np.fft.rfftfreq(2 * (len(self.filters[0]) - 1), COARSE * dt)
         rubbing = (1.0 - smooth) * viscous
         shaft = stiffness + damping * s
         return np.maximum(np.abs(((1.0 - share) * inertia * s**2 + rubbing * s + shaft) / shaft), 1.0)
 
     def _energies(self, course: Values, lost: Values | None = None) -> list[Values]:
-        """For each band, variance in each stretch, shape (stretches, lanes); of a course times `lost` by frequency.
+        """For each band, variance in each stretch, (lanes, stretches); of a coarse course times `lost` by frequency.
 
         About the stretch's mean, since slow errors come from other causes. A lane whose course has a NaN keeps it: as
         zero, a load whose simulation diverged would score best.
         """
         with np.errstate(invalid="ignore", over="ignore"):
-            return [np.var(passed[self.rows], axis=1) for passed in _passed(_coarse(course), self.filters, lost)]
+            return [np.var(passed[:, self.rows], axis=2) for passed in _passed(course, self.filters, lost)]
 
 
 def _beside(log: ImposedMotion, speed: Values) -> tuple[Values, Values, Values]:
@@ -316,18 +315,19 @@ def _filters(samples: int, corners: list[float]) -> list[Values]:
 
 
 def _passed(course: Values, filters: list[Values], lost: Values | None = None) -> list[Values]:
-    """A course of shape (samples, lanes) through each filter, as by scipy.signal.filtfilt (whose import is slow).
+    """A course of shape (lanes, samples) through each filter, as by scipy.signal.filtfilt (whose import is slow).
 
     The ends are continued by an odd reflection, so that a slope at an end does not ring.
 
     Args:
         course: the torque.
         filters: magnitudes, each (frequencies,).
-        lost: a further one for each lane, (frequencies, lanes).
+        lost: a further one for each lane, (lanes, frequencies).
     """
-    edge, size = min(EDGE, len(course) - 1), 2 * (len(filters[0]) - 1)
-    before, after = 2.0 * course[0] - course[edge:0:-1], 2.0 * course[-1] - course[-2 : -2 - edge : -1]
-    spectrum = np.fft.rfft(np.concatenate([before, course, after]), size, axis=0)
+    samples = course.shape[1]
+    edge, size = min(EDGE, samples - 1), 2 * (len(filters[0]) - 1)
+    before = 2.0 * course[:, :1] - course[:, edge:0:-1]
+    after = 2.0 * course[:, -1:] - course[:, -2 : -2 - edge : -1]
+    spectrum = np.fft.rfft(np.concatenate([before, course, after], axis=1), size)
     spectrum = spectrum if lost is None else spectrum * lost
-    inside = slice(edge, edge + len(course))
-    return [np.fft.irfft(spectrum * one[:, None], size, axis=0)[inside] for one in filters]
+    return [np.fft.irfft(spectrum * one, size)[:, edge : edge + samples] for one in filters]
