@@ -4,6 +4,7 @@ from abc import abstractmethod
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from ..compiled.elementary import sin
@@ -43,3 +44,14 @@ class Unbalance(AbstractLoad):
     def readout(self, motion: Motion) -> Array:
         """Load torque [N m]."""
         return self.amplitude * sin(motion.position + self.phase) + self.offset
+
+
+def turns_with_position(load: AbstractLoad) -> bool:
+    """Whether a load depends on the position.
+
+    Args:
+        load: with any number of periods a revolution, a whole one or not.
+    """
+    # No load with a whole number of periods a revolution is equal at these three angles.
+    angle, rest = jnp.array([0.0, 0.7, 1.9]), jnp.zeros(3)
+    return float(np.ptp(np.asarray(load.readout(Motion(rest, angle, rest))))) > 0.0

@@ -9,6 +9,7 @@ import os
 import signal
 import sys
 import threading
+import types
 import warnings
 from collections.abc import Iterator
 from typing import Any, NoReturn
@@ -29,7 +30,8 @@ COMMANDS = {
     "export": "the control law as C for a drive, the mechanics as MuJoCo or URDF, both checked",
     "demo": "simulate, tune and compare on an embedded example, in a minute",
 }
-INTERRUPTED = 130
+INTERRUPTED, TERMINATED = 130, 143
+AGAIN = 0.05  # after which a signal is sent again that came where its exception is lost [s]
 EPILOG = """\
 a first hour:
   fpjax demo --out demo                                simulate, tune, compare: pictures in demo/
@@ -109,12 +111,20 @@ class _Terminated(KeyboardInterrupt):
     """A request of the system to end; finished results are kept, as after Ctrl-C."""
 
 
+def exit_code(error: KeyboardInterrupt) -> int:
+    """The exit code of a command that an interrupt ended: 143 after SIGTERM, 130 after Ctrl-C."""
+    return TERMINATED if isinstance(error, _Terminated) else INTERRUPTED
+
+
 @contextlib.contextmanager
 def _terminable() -> Iterator[None]:
     """Within the block SIGTERM, and SIGHUP where it is not ignored, end the command as an interrupt does."""
     before: dict[int, Any] = {}
 
-    def ask(*_: object) -> NoReturn:
+    def ask(number: int, frame: types.FrameType | None) -> None:
+        if _is_deaf(frame):
+            threading.Timer(AGAIN, os.kill, (os.getpid(), number)).start()
+            return
         raise _Terminated
 
     if threading.current_thread() is threading.main_thread():
@@ -127,6 +137,16 @@ def _terminable() -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def _is_deaf(frame: types.FrameType | None) -> bool:
+    """Whether Python would drop an exception raised in a frame: within a callback of the collector or a `__del__`."""
+    callbacks = {getattr(callback, "__code__", None) for callback in gc.callbacks}
+    while frame is not None:
+        if frame.f_code in callbacks or frame.f_code.co_name == "__del__":
+            return True
+        frame = frame.f_back
+    return False
 
 
 def _run(argv: list[str]) -> int:
@@ -155,8 +175,8 @@ def _run(argv: list[str]) -> int:
         return _fail(name, str(error), 2)
     except KeyboardInterrupt as error:
         kept = getattr(arguments, "kept", "")
-        ended, code = ("terminated", 143) if isinstance(error, _Terminated) else ("interrupted", INTERRUPTED)
-        return _fail(name, f"{ended}{f': {kept}' if kept else '; finished results are kept'}.", code)
+        ended = "terminated" if isinstance(error, _Terminated) else "interrupted"
+        return _fail(name, f"{ended}{f': {kept}' if kept else '; finished results are kept'}.", exit_code(error))
     except Exception as error:
         if isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error):  # numpy's error, and jax's
             return _fail(name, "out of memory: use fewer candidates, a shorter run or a larger step.", 2)

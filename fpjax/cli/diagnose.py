@@ -85,8 +85,6 @@ def run(arguments: argparse.Namespace) -> int:
                     f"{place} of {len(logs)} logs are diagnosed in {record.folder}; add --resume to the same command "
                     "to go on"
                 )
-                if place:
-                    print()
                 key, finished = _key(place, record, arguments), record.folder / name / FINISHED
                 if arguments.resume and _is_finished(finished, key):
                     say(record, f"{log.name} was diagnosed before, in {record.folder / name}")
@@ -97,6 +95,7 @@ def run(arguments: argparse.Namespace) -> int:
                 begun = place if bar is None else begun
                 bar = Stages("diagnose", after=bar)
                 part = (place - begun, len(logs) - begun)
+                print(f"{chr(10) if place else ''}{log.name}, in {record.folder / name}:", flush=True)
                 _one(model, [log], holdout, record.folder / name, record, arguments, bar, part)
                 write_json(finished, {"key": key, "diagnosis": _digest(finished.with_name(DIAGNOSIS))})
         arguments.kept = ""

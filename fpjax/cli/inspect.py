@@ -1,6 +1,9 @@
 """`fpjax inspect`: what is in a log, what can be identified from it, and a first servo.toml."""
 
 import argparse
+import itertools
+import os
+import pathlib
 import sys
 from typing import TYPE_CHECKING
 
@@ -8,7 +11,7 @@ from ..logs.columns.units import is_label
 from ..logs.dynamics.nominal import PARAMETERS
 from ..output.json_object import JsonObject
 from ..output.runfile import RunFile, write_json, write_whole
-from .common import add_log_options, add_out, finish, log_options, running, table
+from .common import add_log_options, add_out, finish, log_options, running, say, table
 
 if TYPE_CHECKING:
     from ..logs import Log
@@ -156,6 +159,12 @@ def _load(nominal: "Nominal") -> JsonObject:
     }
 
 
+def _aside(path: pathlib.Path) -> pathlib.Path:
+    """A name beside a file that no file has: servo.before.toml, servo.before-2.toml, ..."""
+    names = (f"{path.stem}.before{'' if n == 1 else f'-{n}'}{path.suffix}" for n in itertools.count(1))
+    return next(place for name in names if not (place := path.with_name(name)).exists())
+
+
 def _digits(value: float) -> float:
     """A number with six significant digits, for a file that people read."""
     return float(f"{value:.6g}")
@@ -165,7 +174,12 @@ def _write(found: "Inspection", record: RunFile, plots: bool) -> None:
     write_json(record.path("inspection.json"), found.to_dict())
     text = starter(found)
     if text is not None:
-        write_whole(record.path("servo.toml"), text)
+        path = record.path("servo.toml")
+        if path.is_file() and path.read_text(errors="replace") != text:
+            kept = _aside(path)
+            os.replace(path, kept)
+            say(record, f"{path} was there with other content, perhaps yours: it is kept as {kept.name}.")
+        write_whole(path, text)
     else:
         why = "there is no nominal model" if found.nominal is None else found.nominal.doubt
         print(f"\n  no servo.toml was written: {why}")

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 LOOKED_AT = 4000  # samples of a run from which the excitation is assessed
 WITHIN = 0.05  # error, relative to the true value, within which an estimate counts as settled
-SMOOTHED = 0.05  # share of the run over which an estimate is averaged to judge its settling, because it is noisy
+SMOOTHED = 0.05  # most of the run over which an estimate is averaged to judge its settling, because it is noisy [1]
 
 
 def excitation_sentences(model: Model, velocity: np.ndarray, settled: dict[str, float]) -> tuple[str, ...]:
@@ -70,23 +70,28 @@ def measures_of(model: Model) -> JsonObject:
 
 
 def settling_time(time: np.ndarray, estimate: np.ndarray, truth: float) -> float:
-    """Time [s] after which an estimate's moving mean stays within 5 % of the truth; infinite where it ends outside.
+    """Time [s] after which an estimate stays within 5 % of the truth; infinite where it ends outside.
 
-    The mean is over a twentieth of the run, so the time is known to a fortieth of it. Without averaging one noisy
-    sample late in a run would mean that the estimate never settled.
+    A noisy estimate is averaged first, over no more samples than it takes for its last quarter to stay inside, and over
+    a twentieth of the run at most: else one noisy sample late in a run would mean that it never settled. The time is
+    known to half of what is averaged over.
 
     Args:
         time: [s], shape (samples,).
         estimate: in the truth's unit, shape (samples,).
         truth: not zero.
     """
-    count = max(round(SMOOTHED * len(estimate)), 1)
     total = np.concatenate([[0.0], np.cumsum(np.asarray(estimate, float))])
-    mean = (total[count:] - total[:-count]) / count
-    outside = np.flatnonzero(~(np.abs(mean - truth) <= WITHIN * abs(truth)))
-    if outside.size and outside[-1] == len(mean) - 1:
-        return float("inf")
-    return float(time[0]) if outside.size == 0 else float(time[outside[-1] + 1 + count // 2])
+    longest = max(round(SMOOTHED * len(estimate)), 1)
+    widths = [*(2**power for power in range(longest.bit_length()) if 2**power < longest), longest]
+    last = -1
+    for count in widths:
+        mean = (total[count:] - total[:-count]) / count
+        outside = np.flatnonzero(~(np.abs(mean - truth) <= WITHIN * abs(truth)))
+        last = int(outside[-1]) if outside.size else -1
+        if last < (len(mean) * 3) // 4:
+            return float(time[last + 1 + count // 2])
+    return float("inf") if last == len(mean) - 1 else float(time[last + 1 + longest // 2])
 
 
 def summary(model: Model, run: "Run") -> list[tuple[str, float, str]]:

@@ -6,7 +6,7 @@ import threading
 from ..errors import InputError
 from ..output.progress import Stages
 from ..output.runfile import write_json
-from .command_line import INTERRUPTED
+from .command_line import exit_code
 from .common import add_log_options, add_out, finish, read_measured, running_jax, say, started
 from .numbers import real, seed
 from .simulate import open_model
@@ -20,7 +20,8 @@ examples:
 
 next/reference.csv is the reference for the drive; in servo.toml: [reference] type = "recorded", file = "reference.csv"
 """
-FIRST_RUN = "trying starts"  # the stage from which on there is a run that can be kept
+# The stages that an interrupt ends, from the first of which on there is a run that can be kept.
+SEARCHING = ("trying starts", "improving by gradients")
 LIMITS = (
     ("speed", "rad/s", "largest speed"),
     ("acceleration", "rad/s^2", "largest acceleration (default: the torque limit less friction, over the inertia)"),
@@ -78,7 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
 
             def progress(stage: str, share: float) -> None:
                 reached.append(stage)
-                if asked.is_set():  # interrupted: `plan` ends with the best run so far
+                if asked.is_set() and stage in SEARCHING:  # `plan` ends with the best run so far
                     raise KeyboardInterrupt
                 stages.stage(stage, share)
 
@@ -91,12 +92,14 @@ def run(arguments: argparse.Namespace) -> int:
                     progress=progress,
                 )
             )  # fmt: skip
+            code = 0
             try:
                 found = result()
-            except KeyboardInterrupt:
-                if FIRST_RUN not in reached:  # still in the diagnosis or the compiler, so there is nothing to keep
+            except KeyboardInterrupt as error:
+                if SEARCHING[0] not in reached:  # still in the diagnosis or the compiler, so there is nothing to keep
                     raise
                 asked.set()
+                code = exit_code(error)
                 found = result()
         arguments.kept = ""
         for note in found.notes:
@@ -108,4 +111,4 @@ def run(arguments: argparse.Namespace) -> int:
         if not arguments.no_plots:
             found.plot(record.path("plan.png"))
         finish(record)
-    return INTERRUPTED if found.ended == "interrupted" else 0
+    return code if found.ended == "interrupted" else 0

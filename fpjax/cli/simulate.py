@@ -2,6 +2,7 @@
 
 import argparse
 import dataclasses
+import sys
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -59,11 +60,15 @@ def run(arguments: argparse.Namespace) -> int:
     with running_jax(arguments) as record:
         model = open_model(arguments.model, arguments.set, record)
         _check_together(arguments)
+        without = ""
         if arguments.log:
             _replay(model, arguments, record)
         else:
-            _simulate(model, arguments, record)
+            without = _simulate(model, arguments, record)
         finish(record)
+    if without:  # the run itself is whole, and usable
+        print(f"fpjax simulate: there are no margins: {without}", file=sys.stderr)
+        return 2
     return 0
 
 
@@ -119,13 +124,18 @@ def open_model(path: str, changes: list[str], record: RunFile) -> "Model":
     return model
 
 
-def _simulate(model: "Model", arguments: argparse.Namespace, record: RunFile) -> None:
+def _simulate(model: "Model", arguments: argparse.Namespace, record: RunFile) -> str:
+    """Simulate; returns why there are no margins, where there are none although they are asked for."""
     import jax
 
     from .. import simulate
     from .measures import excitation_sentences, measures_of, recorded_names, summary
 
     model.needed_controller()
+    if arguments.margins:
+        from ..linear.linearise import refuse_turning_load
+
+        refuse_turning_load(model.loop)
     reference = model.needed_reference()
     duration = arguments.duration if arguments.duration is not None else model.needed_duration()
     noise = record.seeds["sensor noise"] = arguments.seed or 0
@@ -159,10 +169,16 @@ def _simulate(model: "Model", arguments: argparse.Namespace, record: RunFile) ->
             from .pictures import draw_run
 
             draw_run(model, signals, record.path("simulation.png"))
-    if arguments.margins:  # last: where the loop has no steady motion this fails, and the run is already written
+    if not arguments.margins:
+        return ""
+    try:
         found = _margins(model, arguments, record, signals["velocity"])
-        if record.folder is not None:
-            write_json(record.path("simulation.json"), content | {"margins": found})
+    except InputError as error:  # no steady motion at that speed
+        record.notes.append(str(error))
+        return str(error)
+    if record.folder is not None:
+        write_json(record.path("simulation.json"), content | {"margins": found})
+    return ""
 
 
 def _margins(model: "Model", arguments: argparse.Namespace, record: RunFile, velocity: np.ndarray) -> JsonObject:

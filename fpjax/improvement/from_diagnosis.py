@@ -15,6 +15,7 @@ from ..errors import InputError
 from ..gap import Diagnosis
 from ..gap.answer.findings import Learned
 from ..gap.answer.posterior import FILE, Posterior, load_posterior
+from ..gap.answer.provenance import refuse_other_machine
 from ..logs import Log
 from ..logs.checks.agreement import one_unit
 from ..model_file import Model, load_model
@@ -144,16 +145,17 @@ def about_left(known: Known, torque: float, unit: str) -> str:
     return f"A part of the missing torque{size} has no known cause: {means}the intervals hold if it does not."
 
 
-def known_in(folder: str | os.PathLike[str], log: Log, *, finished: bool = True) -> Known:
+def known_in(folder: str | os.PathLike[str], log: Log, *, finished: bool = True, model: Model | None = None) -> Known:
     """The part of a diagnosis that `improve` uses, from the --out folder of `fpjax diagnose`.
 
     Args:
         folder: with diagnosis.json and posterior.npz.
         log: the log that was diagnosed.
         finished: refuse the folder of an unfinished run; False for the diagnosis that `improve` itself wrote there.
+        model: the nominal one, whose machine must be the one that was diagnosed; None not to ask.
 
     Raises:
-        InputError: where there is no diagnosis, or one of another log, or of more than one log.
+        InputError: where there is no diagnosis, or one of another log, of another machine or of more than one log.
     """
     folder = pathlib.Path(folder)
     path = folder / RESULT
@@ -186,6 +188,8 @@ def known_in(folder: str | os.PathLike[str], log: Log, *, finished: bool = True)
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         raise InputError(f"{path} is not a diagnosis of this version of fpjax: diagnose the log again.") from None
     _check_same(folder, inputs, log)
+    if model is not None:
+        refuse_other_machine(content["provenance"], model, str(folder))
     samples = [len(course) for course in found.posterior.missing]
     # Stretches of one file are runs of the machine that `log`, the longest of them, is the first of.
     files = {entry.get("sha256") for entry in inputs if entry.get("role") == "fitted"}

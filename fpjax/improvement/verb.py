@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..gap import Diagnosis, diagnose
+from ..gap.answer.provenance import refuse_other_machine
 from ..gap.data.checks import refuse_contradicted
 from ..gap.data.record import Record
 from ..logs import Log, LogSource, read_log
@@ -123,9 +124,10 @@ def improve(
     elif isinstance(diagnosis, Known):
         known = diagnosis
     elif isinstance(diagnosis, Diagnosis):
+        refuse_other_machine(diagnosis.provenance, nominal, "The diagnosis")
         done, known = diagnosis, known_of(diagnosis)
     else:
-        known = known_in(diagnosis, recorded)
+        known = known_in(diagnosis, recorded, model=nominal)
     if diagnosis is not None and not same_controller(known, nominal):
         known = dataclasses.replace(known, made=False, same_gains=False)
     found = improve_known(known, recorded, nominal, table, free, seed, clock, keep, kept)
@@ -223,7 +225,9 @@ def improve_known(
     ratios = scores.error[seen] / scores.error[0]
     side = judged.side(tried[seen], scores.of(seen), margins[seen], new=True)
     wins = float(np.mean(ratios < 1.0))
-    middle = range_of(ratios, "1")
+    # Both errors are uncertain by the model itself, each on its own.
+    doubts = judged.doubt(scores.of(0), new=False), judged.doubt(scores.of(seen), new=True)
+    middle = range_of(ratios, "1", math.hypot(*doubts))
     if chosen:
         winners = f"all {judged_on.count}" if wins == 1.0 else f"{wins:.0%} of {judged_on.count}"
         reason = (

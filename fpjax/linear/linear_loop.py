@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..output.drawable import Drawable
-from .margins import Margins, frequency_grid, margins
+from .margins import Margins, frequency_grid, margins, root
 from .state_space import StateSpace
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ class LinearLoop(Drawable):
         ratio: the return ratio L at the commanded torque, closed with negative feedback: minus the torque that comes
             back around the loop for a torque put in; observer, actuator, sensor and hold are included.
         tracked: "velocity" or "position", the quantity that the reference is for.
-        speed: velocity at the operating point [rad/s].
+        speed: velocity at the operating point [rad/s], of a linear axis [m/s].
     """
 
     closed: StateSpace
@@ -42,7 +42,7 @@ class LinearLoop(Drawable):
     def __str__(self) -> str:
         clock = "continuous" if self.dt is None else f"sampled at {self.dt:.4g} s"
         bandwidth = self.bandwidth() / (2.0 * math.pi)
-        head = f"loop at {self.speed:.4g} rad/s, {clock}; bandwidth of the {self.tracked} {bandwidth:.4g} Hz"
+        head = f"loop at a speed of {self.speed:.4g}, {clock}; bandwidth of the {self.tracked} {bandwidth:.4g} Hz"
         return f"{head}; {self.margins()}"
 
     __repr__ = __str__
@@ -59,8 +59,16 @@ class LinearLoop(Drawable):
         """Frequency [rad/s] above which |tracking| stays below 1 / sqrt 2; NaN where it never reaches that."""
         system = self.tracking()
         grid = frequency_grid(self.ratio)
+
+        def above(frequency: float) -> float:
+            return float(np.abs(system.response(np.array([frequency]))[0, 0, 0]) - np.sqrt(0.5))
+
         follows = np.flatnonzero(np.abs(system.response(grid)[:, 0, 0]) >= np.sqrt(0.5))
-        return float(grid[follows[-1]]) if follows.size else float("nan")
+        if not follows.size:
+            return float("nan")
+        if follows[-1] == len(grid) - 1:
+            return float(grid[-1])
+        return root(above, float(grid[follows[-1]]), float(grid[follows[-1] + 1]))
 
     def step_response(self, duration: float | None = None) -> tuple[np.ndarray, np.ndarray]:
         """(time [s], tracked quantity) after a unit step of the reference, as deviations from the operating point.

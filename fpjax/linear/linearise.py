@@ -11,6 +11,7 @@ from jaxtyping import Array, PyTree
 
 from ..blocks.actuators import AbstractActuator
 from ..blocks.block import as_parameter
+from ..blocks.loads import turns_with_position
 from ..blocks.references import AbstractReference, Constant, Recorded
 from ..blocks.sensors import AbstractSensor
 from ..blocks.signals import Motion
@@ -113,6 +114,7 @@ def _linearised(
     if isinstance(at, int | float):
         if not np.isfinite(at):
             raise InputError(f"at = {at:g} rad/s is not a speed: give a finite one.")
+        refuse_turning_load(loop)
         state, value = _settled(loop, float(at), dt, stepping, chosen, substeps, position)
         speed = float(at)
     else:
@@ -181,6 +183,19 @@ def _unrounded(sensor: AbstractSensor) -> AbstractSensor:
     return jax.tree_util.tree_map_with_path(without, sensor)
 
 
+def refuse_turning_load(loop: ClosedLoop) -> None:
+    """Refuse a loop that has no steady motion at any speed, since its load depends on the position.
+
+    Raises:
+        InputError: for such a load.
+    """
+    if turns_with_position(loop.plant.load):
+        raise InputError(
+            "The load depends on the position, so the loop has no steady motion at any speed and no margins about one: "
+            "take the margins of the model with a constant load or with none, or give linearise a state."
+        )
+
+
 def _settled(
     loop: ClosedLoop, speed: float, dt: float, stepping: Stepping, solver: AbstractPlantSolver, substeps: int,
     position: bool,
@@ -204,9 +219,9 @@ def _settled(
             return state, speed * (start + CHUNK * dt) if position else speed
     seconds = CHUNKS * CHUNK * dt
     raise InputError(
-        f"The loop does not settle at {speed:g} rad/s within {seconds:g} s (a limit cycle, torques that depend on the "
-        f"position, or an unstable loop), so it has no single linearisation there: look at fpjax simulate, try another "
-        f"speed with --at, or give a state."
+        f"The loop does not settle at {speed:g} rad/s within {seconds:g} s (a limit cycle, friction or cogging that "
+        f"depend on the position, or an unstable loop), so it has no single linearisation there: look at fpjax "
+        f"simulate, try another speed with --at, or give a state."
     )
 
 

@@ -82,7 +82,7 @@ def margins(ratio: StateSpace, *, points: int = POINTS) -> Margins:
     # Gain margins, as (factor, frequency): where L crosses the negative real axis.
     gains, reductions, phases = [], [], []
     for index in _changes(imaginary):
-        frequency = _root(lambda w: at(w).imag, float(grid[index]), float(grid[index + 1]))
+        frequency = root(lambda w: at(w).imag, float(grid[index]), float(grid[index + 1]))
         value = at(frequency)
         # A pole on the axis turns the sign of the imaginary part through infinity, not zero: that is no crossing.
         if value.real < 0.0 and abs(value.imag) < 1e-6 * abs(value):
@@ -92,7 +92,7 @@ def margins(ratio: StateSpace, *, points: int = POINTS) -> Margins:
         if edge.real < 0.0:
             (gains if abs(edge) < 1.0 else reductions).append((1.0 / abs(edge), math.pi / ratio.dt))
     for index in _changes(np.abs(values) - 1.0):
-        frequency = _root(lambda w: abs(at(w)) - 1.0, float(grid[index]), float(grid[index + 1]))
+        frequency = root(lambda w: abs(at(w)) - 1.0, float(grid[index]), float(grid[index + 1]))
         phases.append((math.degrees(np.angle(-at(frequency))), frequency))
     # A delay only takes phase away: a phase margin of -10 degrees is used up by a delay of 350.
     delays = [(math.radians(phase % 360.0) / frequency, frequency) for phase, frequency in phases]
@@ -146,7 +146,7 @@ def _changes(values: np.ndarray) -> np.ndarray:
     return np.flatnonzero(finite & (np.sign(values[:-1]) * np.sign(values[1:]) < 0.0))
 
 
-def _root(function: Callable[[float], float], low: float, high: float) -> float:
+def root(function: Callable[[float], float], low: float, high: float) -> float:
     """The root of a function of the frequency [rad/s] between two frequencies, searched over its logarithm."""
     found = brentq(lambda exponent: function(math.exp(exponent)), math.log(low), math.log(high), xtol=1e-13)
     return math.exp(float(found))  # type: ignore[arg-type]

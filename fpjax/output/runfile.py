@@ -254,6 +254,8 @@ def open_folder(out: str | os.PathLike[str] | None) -> pathlib.Path | None:
     """
     if out is None:
         return None
+    if not os.fspath(out):
+        raise InputError("The folder of the results is an empty text: name one, or give . for this folder.")
     folder = pathlib.Path(out).expanduser()
     probe = folder / f".fpjax-{os.getpid()}"
     try:

@@ -9,8 +9,9 @@ from math import isfinite, nan, pi
 
 import numpy as np
 
+from ..blocks.loads import turns_with_position
 from ..blocks.position_torque import first_harmonic
-from ..gap.data.setting import SMALL_FRICTION, Setting, turns_with_position
+from ..gap.data.setting import SMALL_FRICTION, Setting
 from ..gap.effects.effect import Effect
 from ..gap.effects.estimate import Estimate
 from ..gap.effects.parameters import HARDENING, ORIGIN, UNBALANCE

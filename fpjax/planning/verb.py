@@ -15,6 +15,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..gap import diagnose
+from ..gap.answer.provenance import refuse_other_machine
 from ..gap.data.checks import refuse_contradicted
 from ..gap.diagnosis import Diagnosis
 from ..logs import Log, read_log
@@ -118,6 +119,8 @@ def plan(
         diagnosis = diagnose(record, known, progress=lambda stage, share: clock(stage, 0.02 + 0.38 * share))
         notes.append(f"the log: {diagnosis.sentence()}")
     told = None if diagnosis is None else read_diagnosis(diagnosis)
+    if told is not None and isinstance(made := told.get("provenance"), dict):
+        refuse_other_machine(made, known, "The diagnosis")
     with double_precision():
         known = dataclasses.replace(known, loop=astype(known.loop, jnp.float64))
         clock("limits", 0.4 if record is not None else 0.02)

@@ -302,7 +302,10 @@ def test_each_goes_on_where_it_was_interrupted(made, three, quick, tmp_path, cap
     assert (out / "run.unfinished").exists()
     assert json.loads((out / "run.json").read_text())["status"] == "interrupted"
     assert main([*words, "--resume", "--no-cache"]) == 0
-    assert "run.csv was diagnosed before" in capsys.readouterr().err
+    said = capsys.readouterr()
+    assert "run.csv was diagnosed before" in said.err
+    assert f"run.txt, in {out / 'run-2'}:" in said.out
+    assert f"last.csv, in {out / 'last'}:" in said.out
     assert asked == [["run.csv"], ["run.txt"], ["run.txt"], ["last.csv"]]
     assert not (out / "run.unfinished").exists()
     record = json.loads((out / "run.json").read_text())

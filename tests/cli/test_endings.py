@@ -1,15 +1,19 @@
 """How a command ends that meets a defect, a full memory, an interrupt, a reader that has enough; and its progress."""
 
+import gc
 import json
 import os
 import pathlib
 import re
+import signal
 import subprocess
 import sys
 import time
 
 import pytest
-from cli_case import REPO, refuse, shell
+from cli_case import REPO, refuse, run, shell
+
+from fpjax.cli import command_line
 
 
 def test_a_defect_is_said_without_a_traceback(servo, monkeypatch, capsys):
@@ -50,6 +54,41 @@ def test_a_reader_that_has_enough_stops_no_file(log, tmp_path):
     assert process.wait(timeout=120) == 0
     assert sorted(each.name for each in out.iterdir()) == ["inspection.json", "run.json", "servo.toml"]
     assert json.loads((out / "run.json").read_text())["status"] == "completed"
+
+
+def test_a_termination_within_a_callback_of_the_collector_is_not_lost():
+    """Python drops an exception that is raised there."""
+    asked = []
+
+    def callback(phase, info):
+        del info
+        if phase == "start" and not asked:
+            asked.append(signal.raise_signal(signal.SIGTERM))
+
+    before = signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    gc.callbacks.append(callback)
+    try:
+        with command_line._terminable():
+            gc.collect()
+            with pytest.raises(KeyboardInterrupt):
+                time.sleep(10.0)
+    finally:
+        gc.callbacks.remove(callback)
+        signal.signal(signal.SIGTERM, before)
+
+
+def test_an_edited_model_is_kept_beside_a_new_one(log, tmp_path, capsys):
+    assert run("inspect", log, "--no-plots", "--out", tmp_path) == 0
+    made = (tmp_path / "servo.toml").read_text()
+    assert run("inspect", log, "--no-plots", "--out", tmp_path) == 0
+    assert not (tmp_path / "servo.before.toml").exists()
+    for name in ("servo.before.toml", "servo.before-2.toml"):
+        (tmp_path / "servo.toml").write_text(f"# mine, {name}")
+        assert run("inspect", log, "--no-plots", "--out", tmp_path) == 0
+        assert f"kept as {name}" in capsys.readouterr().err
+        assert (tmp_path / name).read_text() == f"# mine, {name}"
+        assert (tmp_path / "servo.toml").read_text() == made
+    refuse(capsys, "inspect", log, "--out", "", match="empty text")
 
 
 @pytest.mark.skipif(not pathlib.Path("/dev/full").exists(), reason="no full device on this system")

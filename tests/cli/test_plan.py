@@ -21,14 +21,14 @@ def servo(tmp_path):
     signal.signal(signal.SIGINT, before)
 
 
-def interrupted(servo, out, monkeypatch, design):
+def interrupted(servo, out, monkeypatch, design, number=signal.SIGINT):
     """(exit code, seconds until it ended) of a plan that is interrupted after a tenth of a second."""
     begun = []
 
     def plan(model, *, progress, **options):
         del model, options
         begun.append(time.perf_counter())
-        threading.Timer(0.1, signal.raise_signal, [signal.SIGINT]).start()
+        threading.Timer(0.1, signal.raise_signal, [number]).start()
         return design(progress)
 
     monkeypatch.setattr("fpjax.plan", plan)
@@ -51,7 +51,8 @@ def test_an_interrupt_within_the_compiler_is_heard_at_once(servo, tmp_path, monk
     assert json.loads((tmp_path / "out" / "run.json").read_text())["status"] == "interrupted"
 
 
-def test_an_interrupt_of_the_search_keeps_the_best_run_so_far(servo, tmp_path, monkeypatch):
+@pytest.mark.parametrize(("number", "wanted"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_an_interrupt_of_the_search_keeps_the_best_run_so_far(servo, tmp_path, monkeypatch, number, wanted):
     class Best(SimpleNamespace):
         def write_reference(self, path):
             path.write_text("time,reference\n")
@@ -65,11 +66,12 @@ def test_an_interrupt_of_the_search_keeps_the_best_run_so_far(servo, tmp_path, m
                 progress("trying starts", 0.1)
                 time.sleep(0.05)
         except KeyboardInterrupt:
+            progress("writing it down", 1.0)  # the stages after the search are heard out
             return Best(ended="interrupted", notes=())
         return Best(ended="converged", notes=())
 
-    code, seconds = interrupted(servo, tmp_path / "out", monkeypatch, searching)
-    assert code == 130
+    code, seconds = interrupted(servo, tmp_path / "out", monkeypatch, searching, number)
+    assert code == wanted
     assert seconds < 10.0
     assert json.loads((tmp_path / "out" / "plan.json").read_text())["ended"] == "interrupted"
     assert (tmp_path / "out" / "reference.csv").exists()

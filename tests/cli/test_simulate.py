@@ -7,7 +7,7 @@ import pytest
 from cli_case import REPO, SERVO, refuse, run
 from public_records import EMPS, needs_emps
 
-import fpjax
+import fpjax as fp
 from fpjax import load_model, read_log
 from fpjax.cli.measures import settling_time
 from fpjax.gap.answer.tracking import made_torque
@@ -24,9 +24,9 @@ def test_simulate_leaves_a_log_that_reads_back(servo, tmp_path, capsys):
     }  # fmt: skip
     measures = json.loads((out / "simulation.json").read_text())["measures"]
     model = load_model(servo)
-    direct = fpjax.simulate(
+    direct = fp.simulate(
         model.loop, model.reference, dt=1e-3, duration=1.0, stepping="sampled", record=("velocity", "torque"),
-        measures={"rms": fpjax.RootMeanSquare()},
+        measures={"rms": fp.RootMeanSquare()},
     )  # fmt: skip
     assert measures["tracking error, rms"]["value"] == pytest.approx(float(direct.measures["rms"]), rel=1e-12)
     log = read_log(out / "simulation.csv")
@@ -57,6 +57,32 @@ def test_settling_is_judged_on_the_mean_and_not_on_a_noisy_sample():
     assert settling_time(time, noisy, 20.0) == pytest.approx(-np.log(0.05), abs=0.3)
     assert settling_time(time, clean, 25.0) == np.inf
     assert settling_time(time, np.full(len(time), 20.5), 20.0) == 0.0
+
+
+@pytest.mark.parametrize("duration", [4.0, 20.0, 60.0])
+def test_settling_does_not_depend_on_the_length_of_the_run(duration):
+    time = np.arange(0.0, duration, 1e-3)
+    estimate = 20.0 * (1.0 - np.exp(-time / 0.016))
+    assert settling_time(time, estimate, 20.0) == pytest.approx(-0.016 * np.log(0.05), abs=2e-3)
+
+
+def test_margins_are_refused_before_a_run_whose_load_turns_with_the_position(tmp_path, capsys):
+    path = tmp_path / "turning.toml"
+    path.write_text(SERVO + '[load]\ntype = "unbalance"\namplitude = 2.0\n')
+    refuse(capsys, "simulate", path, "--margins", "--out", tmp_path / "out", match="no steady motion at any speed")
+    assert [each.name for each in (tmp_path / "out").iterdir()] == ["run.json"]
+
+
+def test_a_run_without_a_steady_motion_is_whole_and_says_so(servo, tmp_path, monkeypatch, capsys):
+    def never(*_, **__):
+        raise fp.InputError("The loop does not settle at 1 rad/s.")
+
+    monkeypatch.setattr(fp.ClosedLoop, "linearise", never)
+    words = ["simulate", servo, "--margins", "--no-plots", "--out", tmp_path / "out"]
+    refuse(capsys, *words, match="there are no margins: The loop does not settle")
+    written = sorted(each.name for each in (tmp_path / "out").iterdir())
+    assert written == ["run.json", "simulation.csv", "simulation.json"]
+    assert run("inspect", tmp_path / "out" / "simulation.csv") == 0
 
 
 def read_signal(path, name):

@@ -21,7 +21,14 @@ def test_sweep_and_its_resume_are_the_same(servo, tmp_path, capsys):
     assert list(whole["axes"]) == ["observer.gain_1", "observer.gain_2", "reference"]
     assert (tmp_path / "a" / "sweep.png").exists()
     assert not (tmp_path / "a" / "chunks").exists()
+    capsys.readouterr()
+    begun = time.monotonic()
     assert run(*words, "--out", tmp_path / "a", "--resume", "--no-plots") == 0
+    assert "finished before" in capsys.readouterr().err
+    assert time.monotonic() - begun < 30.0
+    assert (tmp_path / "a" / "sweep.png").exists()
+    other = [word if "gain_2" not in str(word) else "observer.gain_2=1:100:4" for word in words]
+    refuse(capsys, *other, "--out", tmp_path / "a", "--resume", match="holds a finished sweep")
     np.testing.assert_array_equal(np.load(tmp_path / "a" / "sweep.npz")["cost"], whole["cost"])
 
 

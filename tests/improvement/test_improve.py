@@ -284,6 +284,13 @@ def test_a_gain_at_its_bound_is_said_with_both_bounds(small):
     assert any("controller.kp ended at the high end of its bounds" in n and "in 1.4 to 1.6" in n for n in found.notes)
 
 
+def test_how_much_smaller_the_error_becomes_is_as_uncertain_as_the_error(found):
+    """The headline holds the ratio: what the model itself does not know of an error belongs to it too."""
+    ratio, after = (np.log(each.high / each.low) for each in (found.ratio, found.after.error))
+    assert ratio > 0.9 * after
+    assert ratio > 0.06
+
+
 # --- the gains of the nominal model beside the proposed ones
 
 

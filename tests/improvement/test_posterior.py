@@ -4,6 +4,7 @@ import dataclasses
 import json
 from types import SimpleNamespace
 
+import equinox as eqx
 import improve_case as case
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import pytest
 import fpjax as fp
 from fpjax.gap import EFFECTS
 from fpjax.gap.answer.posterior import FILE, left_open, load_posterior
+from fpjax.gap.answer.provenance import _machine_hash
 from fpjax.improvement.from_diagnosis import _in_another_unit, known_in
 from fpjax.improvement.machines import records_of
 
@@ -107,6 +109,19 @@ def test_the_diagnosis_of_another_log_is_refused(tmp_path):
         known_in(folder_of(tmp_path), other)
     with pytest.raises(fp.InputError, match="samples"):
         known_in(tmp_path, case.log(2.0))
+
+
+def test_the_diagnosis_beside_another_machine_is_refused(tmp_path):
+    model = case.model()
+    entry = {"role": "model", "name": "servo.toml", "sha256": "0", "machine": _machine_hash(model)}
+    inputs = [{"role": "fitted", "name": "made.csv", "sha256": "abc"}, entry]
+    folder = folder_of(tmp_path, provenance={"inputs": inputs})
+    assert known_in(folder, case.log(), model=model).verdict == "explained"
+    gains = eqx.tree_at(lambda loop: loop.controller.kp, model.loop, 123.0)
+    assert known_in(folder, case.log(), model=dataclasses.replace(model, loop=gains)).verdict == "explained"
+    heavier = eqx.tree_at(lambda loop: loop.plant.inertia, model.loop, 1.01 * float(model.loop.plant.inertia))
+    with pytest.raises(fp.InputError, match="another machine than that of"):
+        known_in(folder, case.log(), model=dataclasses.replace(model, loop=heavier))
 
 
 def weighed(*names, worth=1.0, wide=()):

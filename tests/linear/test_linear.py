@@ -54,6 +54,12 @@ def test_the_sampled_return_ratio_is_the_held_plants():
     assert np.allclose(linear.ratio.response(np.angle(z) / DT)[:, 0, 0], expected, rtol=1e-8)
 
 
+def test_the_bandwidth_is_where_the_tracking_falls_below_half_the_power():
+    linear = loop().linearise(2.0, dt=DT, solver="rk4")
+    found = np.abs(linear.tracking().response(np.array([linear.bandwidth()]))[0, 0, 0])
+    assert found == pytest.approx(math.sqrt(0.5), rel=1e-9)
+
+
 @pytest.mark.parametrize("stepping", [pytest.param("continuous", marks=pytest.mark.long), "sampled"])
 def test_margins_are_python_controls(stepping):
     two = fp.TwoMass(4.0, 6.0, 1e5, 50.0, fp.Viscous(2.0))

@@ -21,7 +21,8 @@ class Ranked:
         effect: its name in the vocabulary.
         probability: that it is the main cause [1], calibrated on simulated logs; exact twins share theirs equally. Sums
             to at most 1 over the ranking.
-        gap_after: missing torque on withheld windows with this effect (beside the causes before it) in the model.
+        gap_after: missing torque on withheld windows, of a cause with it and the causes before it in the model, of any
+            other effect with it in the causes' place and the nominal numbers fitted anew beside it.
         parameters: estimates by the contract's names.
         indistinguishable_from: effects that this log cannot distinguish from it.
         cause_probability: that it is among the causes [1], the main one or not: near 1 for both of a certain pair.

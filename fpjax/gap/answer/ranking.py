@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import jax.numpy as jnp
 import numpy as np
 
+from ...blocks.loads import turns_with_position
 from ...blocks.signals import Motion
-from ..data.setting import turns_with_position
 from ..effects.effect import Effect
 from ..effects.estimate import Estimate
 from ..effects.twins import LogFacts, Twin, exact_twins

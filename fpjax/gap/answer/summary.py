@@ -24,6 +24,11 @@ PLACES = {
 SHOWN = 5  # entries of the ranking that are printed
 CANNOT_BE = "no cause is told, since a unit, a sign, a column or the model cannot be right"
 MUCH = 0.4  # share of the energy in one regime from which that regime is named
+# What the gaps of a ranking are those of.
+GAP_AFTER = (
+    "gap of a cause: what is left with it and the causes before it; of any other effect: what is left with that one in "
+    "the causes' place, inertia, Coulomb and viscous friction fitted anew beside it"
+)
 
 
 def verdict_line(diagnosis: Answer) -> str:
@@ -151,6 +156,8 @@ def summary(diagnosis: Answer) -> str:
             f"{free.after:.3g} after{held}"
         )
     lines += [_entry(entry, entry.effect in diagnosis.causes) for entry in diagnosis.ranking[:SHOWN]]
+    if any(entry.effect not in diagnosis.causes for entry in diagnosis.ranking[:SHOWN]):
+        lines.append(f"  ({GAP_AFTER})")
     if diagnosis.dominant_variable is not None:
         lines.append(dominant_sentence(diagnosis))
     if diagnosis.learned:

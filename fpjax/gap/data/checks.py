@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...blocks.loads import turns_with_position
 from ...blocks.plants import TwoMass
 from ...blocks.plants.transmission import Transmission
 from ...errors import InputError
@@ -19,7 +20,6 @@ from ...logs.dynamics.nominal import fit_rigid, speed_of
 from ...logs.mending.clock import SLOW, TIME_UNITS, USUAL
 from ...model_file import Model
 from ..thresholds import THRESHOLDS
-from .setting import turns_with_position
 
 SAME_PERIOD = 1e-3  # relative difference of control periods that counts as none
 # kinds of suspicions that no effect explains

@@ -3,12 +3,10 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-import jax.numpy as jnp
 import numpy as np
 
-from ...blocks.loads import AbstractLoad
+from ...blocks.loads import turns_with_position
 from ...blocks.position_torque import first_harmonic
-from ...blocks.signals import Motion
 from ...logs.arrays import Values
 from ...model_file import Model, Units
 from .record import Record
@@ -137,10 +135,3 @@ def reading_at_rest(record: Record) -> float:
     # The pieces overlap: the first and the last of them must not.
     apart = (same[-1] - same[0]) * (STRETCH // 4) >= STRETCH
     return found if apart and abs(found) > QUIET * noise else 0.0
-
-
-def turns_with_position(load: AbstractLoad) -> bool:
-    """Whether a known load depends on the position."""
-    # No load with a whole number of periods a revolution is equal at these three angles.
-    angle, rest = jnp.array([0.0, 0.7, 1.9]), jnp.zeros(3)
-    return float(np.ptp(load.readout(Motion(rest, angle, rest)))) > 0.0

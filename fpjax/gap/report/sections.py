@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from ...output.json_object import JsonObject
+from ..answer.summary import GAP_AFTER
 from .derived_values import NEGLIGIBLE, at_bound, entry_gap, fixed, gap_scale, shown_gap, step_gap, twins_of
 from .digits import show_percent, show_unit
 from .markup import (
@@ -102,7 +103,8 @@ def ranking(diagnosis: Answer, pictures: dict[str, tuple[str, str]]) -> str:
     rest = "Effects that this log cannot distinguish share their probability."
     if none >= 0.005:
         rest += f" {show_percent(none)} is the probability that it is none of these."
-    out = [paragraph(rest + " Brackets hold 90 % intervals."), _ranking_table(diagnosis, shown, learned=True)]
+    rest += f" Brackets hold 90 % intervals. The {GAP_AFTER}."
+    out = [paragraph(rest), _ranking_table(diagnosis, shown, learned=True)]
     if folded:
         noun = "effect" if len(folded) == 1 else "effects"
         summary = f"<summary>{len(folded)} more {noun}, each less likely</summary>"
