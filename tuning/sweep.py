@@ -98,7 +98,29 @@ def sweep(
         simulated_steps=total * int(np.prod(problem.shape)) * problem.stepper.samples,
         run_seconds=time.perf_counter() - begin,
         versions=versions(),
+        identity=identity,
     )
+
+
+def sweep_identity(
+    loop: ClosedLoop, references: References, *, axes: Sequence[Axis], setup: Setup | None = None, chunk: int = CHUNK,
+    **words: Unpack[SetupWords],
+) -> str:  # fmt: skip
+    """A hash of everything that the costs of a sweep depend on, as `sweep` keeps it in `SweepResult.identity`.
+
+    Args:
+        loop: as of `sweep`, and so are the others.
+        references: likewise.
+        axes: likewise.
+        setup: likewise.
+        chunk: likewise.
+        **words: likewise.
+
+    Raises:
+        InputError: as `sweep` does.
+    """
+    problem, _, axes = _prepare(loop, references, axes, with_keywords(setup, words).words())
+    return fingerprint(problem, axes, chunk)
 
 
 def _fill(

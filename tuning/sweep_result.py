@@ -29,6 +29,7 @@ class SweepResult:
         simulated_steps: simulations x samples.
         run_seconds: computing, compiling included.
         versions: of what computed it.
+        identity: hash of everything that the costs depend on (`sweep_identity`); "" without a folder.
     """
 
     axes: tuple[Axis, ...]
@@ -39,6 +40,7 @@ class SweepResult:
     simulated_steps: int
     run_seconds: float
     versions: dict[str, str]
+    identity: str = ""
 
     def cost(self, reference: str | None = None) -> np.ndarray:
         """Costs on one reference, or their mean over all, shape (*counts).
@@ -79,6 +81,7 @@ class SweepResult:
             "simulated_steps": self.simulated_steps,
             "run_seconds": self.run_seconds,
             "versions": self.versions,
+            "identity": self.identity,
         }
 
     def to_dataframe(self) -> Any:

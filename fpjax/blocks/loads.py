@@ -4,7 +4,6 @@ from abc import abstractmethod
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array
 
 from ..compiled.elementary import sin
@@ -46,12 +45,15 @@ class Unbalance(AbstractLoad):
         return self.amplitude * sin(motion.position + self.phase) + self.offset
 
 
-def turns_with_position(load: AbstractLoad) -> bool:
+def turns_with_position(load: AbstractLoad, more: float = 0.0) -> bool:
     """Whether a load depends on the position.
 
     Args:
         load: with any number of periods a revolution, a whole one or not.
+        more: by more than this [N m].
     """
-    # No load with a whole number of periods a revolution is equal at these three angles.
-    angle, rest = jnp.array([0.0, 0.7, 1.9]), jnp.zeros(3)
-    return float(np.ptp(np.asarray(load.readout(Motion(rest, angle, rest))))) > 0.0
+    # No load with a whole number of periods a revolution is equal at these three angles. One by one: a user's own load
+    # may take one angle alone.
+    rest = jnp.zeros(())
+    found = [float(load.readout(Motion(rest, jnp.asarray(angle), rest))) for angle in (0.0, 0.7, 1.9)]
+    return max(found) - min(found) > more

@@ -118,19 +118,24 @@ def exit_code(error: KeyboardInterrupt) -> int:
 
 @contextlib.contextmanager
 def _terminable() -> Iterator[None]:
-    """Within the block SIGTERM, and SIGHUP where it is not ignored, end the command as an interrupt does."""
+    """Within the block SIGTERM, and SIGHUP where it is not ignored, end the command as an interrupt does.
+
+    Neither they nor Ctrl-C are lost where Python drops an exception.
+    """
     before: dict[int, Any] = {}
 
     def ask(number: int, frame: types.FrameType | None) -> None:
         if _is_deaf(frame):
             threading.Timer(AGAIN, os.kill, (os.getpid(), number)).start()
             return
-        raise _Terminated
+        raise KeyboardInterrupt if number == signal.SIGINT else _Terminated
 
     if threading.current_thread() is threading.main_thread():
-        for name in ("SIGTERM", "SIGHUP"):
+        for name, usual in (
+            ("SIGINT", signal.default_int_handler), ("SIGTERM", signal.SIG_DFL), ("SIGHUP", signal.SIG_DFL)
+        ):  # fmt: skip
             number = getattr(signal, name, None)
-            if number is not None and signal.getsignal(number) is signal.SIG_DFL:
+            if number is not None and signal.getsignal(number) is usual:
                 before[number] = signal.signal(number, ask)
     try:
         yield

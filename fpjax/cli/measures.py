@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
 LOOKED_AT = 4000  # samples of a run from which the excitation is assessed
 WITHIN = 0.05  # error, relative to the true value, within which an estimate counts as settled
+RESERVE = 5.0  # standard deviations within which a noisy estimate counts as settled: beyond in none of 1e6 samples
 SMOOTHED = 0.05  # most of the run over which an estimate is averaged to judge its settling, because it is noisy [1]
 
 
@@ -72,26 +73,34 @@ def measures_of(model: Model) -> JsonObject:
 def settling_time(time: np.ndarray, estimate: np.ndarray, truth: float) -> float:
     """Time [s] after which an estimate stays within 5 % of the truth; infinite where it ends outside.
 
-    A noisy estimate is averaged first, over no more samples than it takes for its last quarter to stay inside, and over
-    a twentieth of the run at most: else one noisy sample late in a run would mean that it never settled. The time is
-    known to half of what is averaged over.
+    A noisy estimate is averaged first, until `RESERVE` times its scatter about a line through its last quarter is a
+    fifth of these 5 %, over a twentieth of the run at most; so much beyond them, 5 % at most, counts as inside. The
+    time is known to half of what is averaged over.
 
     Args:
         time: [s], shape (samples,).
         estimate: in the truth's unit, shape (samples,).
         truth: not zero.
     """
-    total = np.concatenate([[0.0], np.cumsum(np.asarray(estimate, float))])
+    total, within = np.concatenate([[0.0], np.cumsum(np.asarray(estimate, float))]), WITHIN * abs(truth)
     longest = max(round(SMOOTHED * len(estimate)), 1)
-    widths = [*(2**power for power in range(longest.bit_length()) if 2**power < longest), longest]
-    last = -1
-    for count in widths:
+    count = 1
+    while True:
         mean = (total[count:] - total[:-count]) / count
-        outside = np.flatnonzero(~(np.abs(mean - truth) <= WITHIN * abs(truth)))
-        last = int(outside[-1]) if outside.size else -1
-        if last < (len(mean) * 3) // 4:
-            return float(time[last + 1 + count // 2])
-    return float("inf") if last == len(mean) - 1 else float(time[last + 1 + longest // 2])
+        reserve = RESERVE * _scatter(mean[-(-3 * len(mean) // 4) :])
+        if reserve <= 0.2 * within or count == longest:
+            break
+        count = min(2 * count, longest)
+    outside = np.flatnonzero(~(np.abs(mean - truth) <= within + min(reserve, within)))
+    last = int(outside[-1]) if outside.size else -1
+    return float("inf") if last == len(mean) - 1 else float(time[last + 1 + count // 2])
+
+
+def _scatter(values: np.ndarray) -> float:
+    """Standard deviation about a straight line."""
+    place = np.arange(len(values)) - 0.5 * (len(values) - 1)
+    slope = float(place @ values) / max(float(place @ place), 1e-300)
+    return float(np.std(values - slope * place))
 
 
 def summary(model: Model, run: "Run") -> list[tuple[str, float, str]]:

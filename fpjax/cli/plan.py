@@ -1,6 +1,7 @@
 """`fpjax plan`: which run to record next, as a table with a picture and a sentence for each pair of rivals."""
 
 import argparse
+import sys
 import threading
 
 from ..errors import InputError
@@ -99,8 +100,12 @@ def run(arguments: argparse.Namespace) -> int:
                 if SEARCHING[0] not in reached:  # still in the diagnosis or the compiler, so there is nothing to keep
                     raise
                 asked.set()
-                code = exit_code(error)
-                found = result()
+                code, arguments.kept = exit_code(error), "no run was kept; nothing was written"
+                print("note: ending with the best run so far; interrupted again, at once without it", file=sys.stderr)
+                try:
+                    found = result()
+                except KeyboardInterrupt:  # a second one; or no start had a finite cost yet
+                    raise error from None
         arguments.kept = ""
         for note in found.notes:
             say(record, note)

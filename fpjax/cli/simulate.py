@@ -135,7 +135,7 @@ def _simulate(model: "Model", arguments: argparse.Namespace, record: RunFile) ->
     if arguments.margins:
         from ..linear.linearise import refuse_turning_load
 
-        refuse_turning_load(model.loop)
+        refuse_turning_load(model.loop, 1.0 if arguments.at is None else arguments.at)
     reference = model.needed_reference()
     duration = arguments.duration if arguments.duration is not None else model.needed_duration()
     noise = record.seeds["sensor noise"] = arguments.seed or 0

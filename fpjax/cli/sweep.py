@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import InputError
-from ..output.json_object import JsonObject
-from ..output.runfile import RunFile, read_run, versions, write_json
+from ..output.runfile import MARK, RunFile, read_run, write_json
 from .common import add_out, busy, finish, running_jax, say
 from .numbers import real, whole
 from .objective_arguments import add_cost_arguments, cost_settings
@@ -26,7 +25,6 @@ examples:
   fpjax sweep servo.toml --axis ... --out grid --resume       goes on after Ctrl-C
   fpjax sweep servo.toml --axis ... --tuned tuned --out grid  draws the paths of fpjax tune --out tuned
 """
-NO_COST = ("--resume", "--no-plots", "--no-cache", "--out")  # options that change no cost
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -59,12 +57,16 @@ def run(arguments: argparse.Namespace) -> int:
             )
         model, references, settings = cost_settings(arguments, record)
         paths = paths_of(arguments.tuned, axes, settings["objective"], list(references), record)
-        if arguments.resume and _finished(record):
-            finish(record)
-            return 0
         from tuning import sweep
+        from tuning.sweep import sweep_identity
 
         assert record.folder is not None
+        if arguments.resume and _is_finished(
+            record, sweep_identity(model.loop, references, axes=axes, chunk=arguments.chunk, **settings)
+        ):
+            say(record, f"this sweep was finished before, in {record.folder}; nothing was written.")
+            record.folder = None  # its run.json stays that of the sweep
+            return 0
         chunks = record.folder / "chunks"
         arguments.kept = f"finished chunks are kept in {chunks}; add --resume to the same command to go on"
         record.stage("sweep")
@@ -93,7 +95,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _finished(record: RunFile) -> bool:
+def _is_finished(record: RunFile, identity: str) -> bool:
     """Whether the folder holds this very sweep, finished: then there is nothing to go on with.
 
     Raises:
@@ -101,27 +103,18 @@ def _finished(record: RunFile) -> bool:
     """
     folder = record.folder
     assert folder is not None
-    if (folder / "chunks").exists() or not (folder / "sweep.npz").exists():
+    if (folder / "chunks").exists() or (folder / MARK).exists() or not (folder / "sweep.json").exists():
         return False
-    run = read_run(folder)
-    now = {"command": record.command, "inputs": record.inputs, "versions": versions()}
-    if _asked(run) != _asked(now):
+    try:
+        found = json.loads((folder / "sweep.json").read_text()).get("identity")
+    except (OSError, ValueError, AttributeError):
+        found = None
+    if found != identity:
         raise InputError(
-            f"{folder} holds a finished sweep by another command, of other files or of another version: --resume goes "
-            "on with an interrupted one; give another --out, or leave out --resume to replace that sweep."
+            f"{folder} holds a finished sweep, and not this one (other axes, loop, reference, settings or versions): "
+            "--resume goes on with an interrupted one; give another --out, or leave out --resume to replace that sweep."
         )
-    say(record, f"this sweep was finished before, in {folder}")
-    for name in run.get("outputs", []):
-        record.path(name)
     return True
-
-
-def _asked(run: JsonObject) -> tuple[object, ...]:
-    """What a run was asked for, by its run.json: words that change costs, the contents of its files, versions."""
-    words = run.get("command", [])
-    beside = {place + 1 for place, word in enumerate(words) if word == "--out"}
-    words = [word for place, word in enumerate(words) if word not in NO_COST and place not in beside]
-    return words, [one.get("sha256") for one in run.get("inputs", [])], run.get("versions")
 
 
 def paths_of(

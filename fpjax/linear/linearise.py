@@ -30,6 +30,7 @@ from .state_space import StateSpace
 CHUNK = 2000
 CHUNKS = 50
 RESTS = 1e-7
+SMALL_LOAD = 1e-3  # change of a load with the position [N m] up to which the loop may settle all the same
 ROUNDING = ("step_size", "position_step")  # what sensors call the step to which they round a reading
 
 
@@ -114,7 +115,7 @@ def _linearised(
     if isinstance(at, int | float):
         if not np.isfinite(at):
             raise InputError(f"at = {at:g} rad/s is not a speed: give a finite one.")
-        refuse_turning_load(loop)
+        refuse_turning_load(loop, float(at))
         state, value = _settled(loop, float(at), dt, stepping, chosen, substeps, position)
         speed = float(at)
     else:
@@ -183,16 +184,16 @@ def _unrounded(sensor: AbstractSensor) -> AbstractSensor:
     return jax.tree_util.tree_map_with_path(without, sensor)
 
 
-def refuse_turning_load(loop: ClosedLoop) -> None:
-    """Refuse a loop that has no steady motion at any speed, since its load depends on the position.
+def refuse_turning_load(loop: ClosedLoop, speed: float) -> None:
+    """Refuse a steady motion at a speed [rad/s] where the load depends on the position: there is rest alone.
 
     Raises:
-        InputError: for such a load.
+        InputError: for such a load. One that is small is left to the simulation of the motion.
     """
-    if turns_with_position(loop.plant.load):
+    if speed != 0.0 and turns_with_position(loop.plant.load, SMALL_LOAD):
         raise InputError(
-            "The load depends on the position, so the loop has no steady motion at any speed and no margins about one: "
-            "take the margins of the model with a constant load or with none, or give linearise a state."
+            "The load depends on the position, so the loop has no steady motion at any speed but zero, and no margins "
+            "about one: take those at rest (--at 0, linearise(0.0)), or of the model with a constant load."
         )
 
 
@@ -220,7 +221,7 @@ def _settled(
     seconds = CHUNKS * CHUNK * dt
     raise InputError(
         f"The loop does not settle at {speed:g} rad/s within {seconds:g} s (a limit cycle, friction or cogging that "
-        f"depend on the position, or an unstable loop), so it has no single linearisation there: look at fpjax "
+        f"depends on the position, or an unstable loop), so it has no single linearisation there: look at fpjax "
         f"simulate, try another speed with --at, or give a state."
     )
 

@@ -91,6 +91,7 @@ def design(
     evaluate, refer = jax.jit(jax.value_and_grad(trial.cost, has_aux=True)), jax.jit(trial.reference)
     pull = jax.jit(lambda shape, slope: jax.vjp(trial.reference, shape)[1](slope)[0])
     best: tuple[float, Shape, ExpectedRun] | None = None
+    first_best = best  # by what every comparison is worth at first
     # The largest evidence of any start for each comparison, and between the effects of two [nats].
     shown, told = np.zeros(count), np.zeros((count, count))
     first: ExpectedRun | None = None
@@ -140,9 +141,10 @@ def design(
         if within.any() and not (np.array_equal(within, wanted) and not (told < ALIKE).any()):
             # Without this the worst comparison is one that no motion within the limits can improve, and the search
             # stands still.
-            weights, best = Wanted(jnp.asarray(within, float), jnp.asarray(~alike)), None
+            weights, first_best, best = Wanted(jnp.asarray(within, float), jnp.asarray(~alike)), best, None
             again, ready = ready, []
             for _, start, _ in again:
+                progress("trying starts", 0.3)
                 cost, seen, slopes = tried(start)
                 if np.isfinite(cost):
                     ready.append((cost, start, slopes))
@@ -174,8 +176,10 @@ def design(
                 if stale >= PATIENCE:
                     break
         for name, reference in (usual or {}).items():
+            progress("improving by gradients", 1.0)
             beside[name] = kept_within(reference, evaluate(reference, weights)[0][1])[1]
     except KeyboardInterrupt:
+        best = first_best if best is None else best
         if best is None:
             raise
         ended = "interrupted"

@@ -56,25 +56,30 @@ def test_a_reader_that_has_enough_stops_no_file(log, tmp_path):
     assert json.loads((out / "run.json").read_text())["status"] == "completed"
 
 
-def test_a_termination_within_a_callback_of_the_collector_is_not_lost():
+@pytest.mark.parametrize(
+    ("number", "usual"), [(signal.SIGTERM, signal.SIG_DFL), (signal.SIGINT, signal.default_int_handler)]
+)
+def test_a_signal_within_a_callback_of_the_collector_is_not_lost(number, usual):
     """Python drops an exception that is raised there."""
-    asked = []
+    armed = []
 
     def callback(phase, info):
         del info
-        if phase == "start" and not asked:
-            asked.append(signal.raise_signal(signal.SIGTERM))
+        if phase == "start" and armed:
+            armed.clear()
+            signal.raise_signal(number)
 
-    before = signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    before = signal.signal(number, usual)
     gc.callbacks.append(callback)
     try:
         with command_line._terminable():
+            armed.append(True)
             gc.collect()
             with pytest.raises(KeyboardInterrupt):
                 time.sleep(10.0)
     finally:
         gc.callbacks.remove(callback)
-        signal.signal(signal.SIGTERM, before)
+        signal.signal(number, before)
 
 
 def test_an_edited_model_is_kept_beside_a_new_one(log, tmp_path, capsys):

@@ -75,3 +75,21 @@ def test_an_interrupt_of_the_search_keeps_the_best_run_so_far(servo, tmp_path, m
     assert seconds < 10.0
     assert json.loads((tmp_path / "out" / "plan.json").read_text())["ended"] == "interrupted"
     assert (tmp_path / "out" / "reference.csv").exists()
+
+
+def test_a_second_interrupt_of_a_plan_ends_at_once(servo, tmp_path, monkeypatch, capsys):
+    released = threading.Event()
+
+    def searching(progress):
+        progress("trying starts", 0.1)
+        threading.Timer(0.5, signal.raise_signal, [signal.SIGINT]).start()
+        released.wait(30.0)  # hears nothing
+        return None
+
+    code, seconds = interrupted(servo, tmp_path / "out", monkeypatch, searching)
+    released.set()
+    assert code == 130
+    assert seconds < 10.0
+    error = capsys.readouterr().err
+    assert "ending with the best run so far" in error
+    assert "no run was kept" in error

@@ -113,6 +113,7 @@ def test_seconds_are_those_of_each_stage(found):
 def test_it_says_what_it_was_made_from(found):
     diagnosis, _, _, path = found
     made = diagnosis.provenance
+    assert set(made["inputs"][-1]["machine"]) == {"form", "values"}
     log, model = made["inputs"]
     assert log["name"] == "axis.csv"
     assert log["sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()

@@ -12,9 +12,10 @@ import pytest
 import fpjax as fp
 from fpjax.gap import EFFECTS
 from fpjax.gap.answer.posterior import FILE, left_open, load_posterior
-from fpjax.gap.answer.provenance import _machine_hash
+from fpjax.gap.answer.provenance import _machine, refuse_other_machine
 from fpjax.improvement.from_diagnosis import _in_another_unit, known_in
 from fpjax.improvement.machines import records_of
+from fpjax.simulation.precision import double_precision
 
 
 def test_draws_have_the_covariance_and_stay_within_the_bounds():
@@ -113,15 +114,34 @@ def test_the_diagnosis_of_another_log_is_refused(tmp_path):
 
 def test_the_diagnosis_beside_another_machine_is_refused(tmp_path):
     model = case.model()
-    entry = {"role": "model", "name": "servo.toml", "sha256": "0", "machine": _machine_hash(model)}
+    entry = {"role": "model", "name": "servo.toml", "sha256": "0", "machine": _machine(model)}
     inputs = [{"role": "fitted", "name": "made.csv", "sha256": "abc"}, entry]
     folder = folder_of(tmp_path, provenance={"inputs": inputs})
     assert known_in(folder, case.log(), model=model).verdict == "explained"
     gains = eqx.tree_at(lambda loop: loop.controller.kp, model.loop, 123.0)
     assert known_in(folder, case.log(), model=dataclasses.replace(model, loop=gains)).verdict == "explained"
+    for changed in (
+        '[sensor]\nside = "motor"\n',
+        "[actuator]\ndelay = 1e-3\n",
+        '[load]\ntype = "unbalance"\namplitude = 0.1\n',
+    ):
+        with pytest.raises(fp.InputError, match="beside another machine"):
+            known_in(folder, case.log(), model=case.model(changed))
     heavier = eqx.tree_at(lambda loop: loop.plant.inertia, model.loop, 1.01 * float(model.loop.plant.inertia))
-    with pytest.raises(fp.InputError, match="another machine than that of"):
+    with pytest.raises(fp.InputError, match="beside another machine than that of"):
         known_in(folder, case.log(), model=dataclasses.replace(model, loop=heavier))
+
+
+def test_a_model_in_single_precision_is_the_machine_that_was_diagnosed_in_double():
+    text = case.text().replace("inertia = ", "inertia = 4.13335  # ", 1)
+    single = fp.load_model(text)
+    with double_precision():
+        double = fp.load_model(text)
+    known = {"inputs": [{"role": "model", "machine": json.loads(json.dumps(_machine(double)))}]}
+    refuse_other_machine(known, single, "why")
+    refuse_other_machine({}, single, "why")  # an older diagnosis does not say
+    with pytest.raises(fp.InputError, match="beside another machine"):
+        refuse_other_machine(known, fp.load_model(text.replace("4.13335", "4.13435")), "why")
 
 
 def weighed(*names, worth=1.0, wide=()):

@@ -192,6 +192,16 @@ def test_a_machine_that_friction_holds_has_no_margins(controller):
     assert smooth.linearise(0.0, dt=DT).margins().stable
 
 
+def test_a_load_that_turns_with_the_position_leaves_rest_alone():
+    cascade = loop(controller=fp.PositionLoop(20.0, fp.ProportionalIntegral(KP, KI)), law=fp.Viscous(B))
+    hanging = eqx.tree_at(lambda one: one.plant.load, cascade, fp.Unbalance(2.0))
+    assert hanging.linearise(0.0, dt=DT, solver="exact").margins().stable
+    with pytest.raises(fp.InputError, match="no steady motion at any speed but zero"):
+        hanging.linearise(0.5, dt=DT, solver="exact")
+    slight = eqx.tree_at(lambda one: one.plant.load, cascade, fp.Unbalance(1e-12))
+    assert slight.linearise(0.5, dt=DT, solver="exact").margins().stable
+
+
 def test_the_picture_shows_bode_and_step(tmp_path):
     figure = loop().linearise(1.0, dt=DT).plot(tmp_path / "margins.png")
     assert (tmp_path / "margins.png").stat().st_size > 10_000

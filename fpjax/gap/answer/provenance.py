@@ -2,6 +2,7 @@
 
 import datetime
 import hashlib
+import re
 from typing import Any
 
 import jax
@@ -30,13 +31,13 @@ def provenance(
 
     Returns:
         `command`, `arguments`, `inputs` (a list of {name, role: "fitted", "withheld" or "model", sha256, of a log:
-        samples, windows_fitted, windows_withheld, and of the model: machine, a hash of plant, actuator and sensor}),
+        samples, windows_fitted, windows_withheld, and of the model: machine, its plant, actuator and sensor}),
         `windows` ({fitted, withheld, seconds}), `versions`, `started` (ISO 8601), `seeds`.
     """
     inputs = [_log(log, record) for log, record in zip(logs, records, strict=True)]
     windows = {side: sum(entry[f"windows_{side}"] for entry in inputs) for side in ("fitted", "withheld")}
     name = "servo.toml" if model.path is None else model.path.name
-    nominal = {"name": name, "role": "model", "sha256": _model_hash(model), "machine": _machine_hash(model)}
+    nominal = {"name": name, "role": "model", "sha256": _model_hash(model), "machine": _machine(model)}
     return {
         "command": "fpjax.gap.diagnose",
         "arguments": {
@@ -89,24 +90,35 @@ def refuse_other_machine(known: JsonObject, model: Model, name: str) -> None:
     """
     inputs = [entry for entry in known.get("inputs", ()) if isinstance(entry, dict)]
     found = next((entry for entry in inputs if entry.get("role") == "model"), {})
-    if found.get("machine", _machine_hash(model)) != _machine_hash(model):
+    then, now = found.get("machine"), _machine(model)
+    if isinstance(then, dict) and not _same(then, now):
         here = "the model" if model.path is None else model.path.name
         raise InputError(
-            f"{name} was made with another machine than that of {here} (plant, friction, actuator or sensor of its "
-            f"{found.get('name', 'model')} differ): give the model that was diagnosed, or diagnose again with this one."
+            f"{name} was made beside another machine than that of {here}: plant, friction, actuator or sensor differ. "
+            "Give the model that was diagnosed, or diagnose again beside this one."
         )
 
 
-def _machine_hash(model: Model) -> str:
-    """SHA-256 of plant, actuator and sensor: names and values, to the digits that both precisions have."""
+def _machine(model: Model) -> JsonObject:
+    """Plant, actuator and sensor: `form`, a hash of their types and of what no number says, and `values` in order."""
     parts: Any = (model.loop.plant, model.loop.actuator, model.loop.sensor)
-    leaves = jax.tree_util.tree_flatten_with_path(parts)[0]
-    words = [type(part).__name__ for part in parts]
-    for path, leaf in leaves:
-        values = np.ravel(leaf)
-        numeric = np.issubdtype(values.dtype, np.number)  # a user's own block may hold anything
-        words.append(f"{jax.tree_util.keystr(path)} {[f'{x:.5g}' for x in values.tolist()] if numeric else type(leaf)}")
-    return hashlib.sha256("\n".join(words).encode()).hexdigest()
+    leaves, structure = jax.tree.flatten(parts)
+    values, others = [], []
+    for leaf in leaves:
+        try:
+            values += [float(one) for one in np.ravel(np.asarray(leaf, float))]
+        except (TypeError, ValueError):  # a user's own block may hold anything
+            others.append(str(type(leaf)))
+    # Without addresses of functions, which change from process to process.
+    form = re.sub(r" at 0x[0-9a-f]+", "", "\n".join([str(structure), *others]))
+    return {"form": hashlib.sha256(form.encode()).hexdigest(), "values": values}
+
+
+def _same(one: JsonObject, other: JsonObject) -> bool:
+    """Whether two of `_machine` are one, to the digits that both precisions have."""
+    values, others = (np.array(each.get("values", ()), float) for each in (one, other))
+    alike = values.shape == others.shape and np.allclose(values, others, rtol=1e-5, atol=0.0)
+    return bool(alike) and one.get("form") == other.get("form")
 
 
 def _model_hash(model: Model) -> str:

@@ -103,7 +103,7 @@ def ranking(diagnosis: Answer, pictures: dict[str, tuple[str, str]]) -> str:
     rest = "Effects that this log cannot distinguish share their probability."
     if none >= 0.005:
         rest += f" {show_percent(none)} is the probability that it is none of these."
-    rest += f" Brackets hold 90 % intervals. The {GAP_AFTER}."
+    rest += f" Brackets hold 90 % intervals; {GAP_AFTER}."
     out = [paragraph(rest), _ranking_table(diagnosis, shown, learned=True)]
     if folded:
         noun = "effect" if len(folded) == 1 else "effects"
