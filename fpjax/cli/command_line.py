@@ -123,12 +123,26 @@ def _terminable() -> Iterator[None]:
     Neither they nor Ctrl-C are lost where Python drops an exception.
     """
     before: dict[int, Any] = {}
+    collecting, waiting = threading.Event(), list[int]()
+
+    def send_again(number: int) -> None:
+        threading.Timer(AGAIN, os.kill, (os.getpid(), number)).start()
+
+    def watch(phase: str, _: object) -> None:
+        if phase == "start":
+            collecting.set()
+            return
+        collecting.clear()
+        while waiting:
+            send_again(waiting.pop())
 
     def ask(number: int, frame: types.FrameType | None) -> None:
-        if _is_deaf(frame):
-            threading.Timer(AGAIN, os.kill, (os.getpid(), number)).start()
-            return
-        raise KeyboardInterrupt if number == signal.SIGINT else _Terminated
+        if collecting.is_set():  # callbacks of the collector, of weak references, `__del__`
+            waiting.append(number)
+        elif _is_deaf(frame):
+            send_again(number)
+        else:
+            raise KeyboardInterrupt if number == signal.SIGINT else _Terminated
 
     if threading.current_thread() is threading.main_thread():
         for name, usual in (
@@ -137,15 +151,17 @@ def _terminable() -> Iterator[None]:
             number = getattr(signal, name, None)
             if number is not None and signal.getsignal(number) is usual:
                 before[number] = signal.signal(number, ask)
+    gc.callbacks.insert(0, watch)  # before those of jax, in which an exception would be lost too
     try:
         yield
     finally:
+        gc.callbacks.remove(watch)
         for number, handler in before.items():
             signal.signal(number, handler)
 
 
 def _is_deaf(frame: types.FrameType | None) -> bool:
-    """Whether Python would drop an exception raised in a frame: within a callback of the collector or a `__del__`."""
+    """Whether Python would drop an exception raised in a frame: of a collector's callback, or of a `__del__`."""
     callbacks = {getattr(callback, "__code__", None) for callback in gc.callbacks}
     while frame is not None:
         if frame.f_code in callbacks or frame.f_code.co_name == "__del__":

@@ -26,8 +26,8 @@ CANNOT_BE = "no cause is told, since a unit, a sign, a column or the model canno
 MUCH = 0.4  # share of the energy in one regime from which that regime is named
 # What the gaps of a ranking are those of.
 GAP_AFTER = (
-    "the gap of a cause is what is left with it and the causes before it, that of any other effect what is left with it "
-    "in their place, beside inertia, Coulomb and viscous friction fitted anew"
+    "the gap of a cause is what is left with it and the causes before it, that of any other effect what is left with "
+    "it in their place, beside inertia, Coulomb and viscous friction fitted anew"
 )
 
 
