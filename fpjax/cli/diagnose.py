@@ -95,7 +95,9 @@ def run(arguments: argparse.Namespace) -> int:
                 begun = place if bar is None else begun
                 bar = Stages("diagnose", after=bar)
                 part = (place - begun, len(logs) - begun)
-                print(f"{chr(10) if place else ''}{log.name}, in {record.folder / name}:", flush=True)
+                if place:
+                    print()
+                print(f"{log.name}, in {record.folder / name}:", flush=True)
                 _one(model, [log], holdout, record.folder / name, record, arguments, bar, part)
                 write_json(finished, {"key": key, "diagnosis": _digest(finished.with_name(DIAGNOSIS))})
         arguments.kept = ""

@@ -1,13 +1,14 @@
 """Provenance: inputs, versions and date of a diagnosis, so that it can be traced and repeated."""
 
+import contextlib
 import datetime
 import hashlib
-import re
 from typing import Any
 
 import jax
 import numpy as np
 
+from ...compiled.stored import description
 from ...errors import InputError
 from ...logs import Log
 from ...model_file import Model
@@ -103,14 +104,11 @@ def _machine(model: Model) -> JsonObject:
     """Plant, actuator and sensor: `form`, a hash of their types and of what no number says, and `values` in order."""
     parts: Any = (model.loop.plant, model.loop.actuator, model.loop.sensor)
     leaves, structure = jax.tree.flatten(parts)
-    values, others = [], []
+    values: list[float] = []
     for leaf in leaves:
-        try:
-            values += [float(one) for one in np.ravel(np.asarray(leaf, float))]
-        except (TypeError, ValueError):  # a user's own block may hold anything
-            others.append(str(type(leaf)))
-    # Without addresses of functions, which change from process to process.
-    form = re.sub(r" at 0x[0-9a-f]+", "", "\n".join([str(structure), *others]))
+        with contextlib.suppress(TypeError, ValueError):  # a user's own block may hold anything
+            values += np.ravel(np.asarray(leaf, float)).tolist()
+    form = description(structure) or ""  # none of a user's own block
     return {"form": hashlib.sha256(form.encode()).hexdigest(), "values": values}
 
 
