@@ -74,7 +74,7 @@ def simulate(
         measures: measures to accumulate along the run, by names of your choice.
         record: signals to store, by the names of `Signals`; an estimate as "estimates.coulomb". None records all
             signals of a picture for a model, and nothing for blocks.
-        initial: state to start from; None for rest.
+        initial: state to start from, at t = 0 of the reference; None for rest.
         key: `jax.random` key of the sensor's noise; None for no noise.
         throw: raise an error where the run diverges, instead of reporting it in `status`.
 

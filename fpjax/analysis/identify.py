@@ -112,15 +112,17 @@ def identify(
     import optimistix
 
     tree = {"loop": loop, "reference": reference}
-    names = tuple(parameters)
+    # one name is a name, and a path as the messages write it is the same parameter
+    names = tuple(name.removeprefix("loop.") for name in ([parameters] if isinstance(parameters, str) else parameters))
+    bounds = {name.removeprefix("loop."): limits for name, limits in (bounds or {}).items()}
     paths = tuple(name if name.startswith("reference.") else f"loop.{name}" for name in names)
     if not names or len(set(names)) != len(names):
         raise InputError(f"parameters must name at least one, each once, got {list(names)}.")
     start = _scalars(tree, paths)
-    low, high = _limits(names, np.asarray(list(start.values())), bounds or {})
+    low, high = _limits(names, np.asarray(list(start.values())), bounds)
     if stepping == "sampled":
         most = [
-            np.inf if name in (bounds or {}) else usual_largest(name, value, float(dt))
+            np.inf if name in bounds else usual_largest(name, value, float(dt))
             for name, value in zip(names, start.values(), strict=True)
         ]
         high = np.minimum(high, most)

@@ -1,7 +1,7 @@
 """Sensors: what stands between the plant and the controller."""
 
 from abc import abstractmethod
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, get_args
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -52,6 +52,9 @@ class IdealSensor(AbstractSensor):
 
     side: Side = eqx.field(static=True, default="load")
 
+    def __check_init__(self) -> None:
+        _require_side(self)
+
     def init(self) -> tuple[()]:
         """No state."""
         return ()
@@ -90,6 +93,7 @@ class Gyro(AbstractSensor):
     def __check_init__(self) -> None:
         require_not_negative(self, "noise", "rad/s")
         require_not_negative(self, "random_walk", "rad/s/sqrt(s)")
+        _require_side(self)
 
     def init(self) -> tuple[Array, Array]:
         """(wandering bias [rad/s], integrated angle [rad])."""
@@ -129,6 +133,7 @@ class Encoder(AbstractSensor):
         require_not_negative(self, "step_size", "rad")
         require_not_negative(self, "noise", "rad")
         require_not_negative(self, "filter_time", "s")
+        _require_side(self)
 
     def init(self) -> tuple[Array, Array, Array]:
         """(last reading [rad], filtered velocity [rad/s], 0 before the first sample and 1 after)."""
@@ -213,6 +218,13 @@ def quantise(value: Array, step_size: Array) -> Array:
     rounded = jnp.round(value / size) * size
     correction = jnp.where(positive, rounded - value, jnp.zeros_like(value))
     return value + lax.stop_gradient(correction)
+
+
+def _require_side(sensor: "IdealSensor | Gyro | Encoder") -> None:
+    """Refuse a side of the transmission that there is not: it would be the load's without a word."""
+    if sensor.side not in get_args(Side):
+        known = " or ".join(map(repr, get_args(Side)))
+        raise InputError(f"The side of {type(sensor).__name__} must be {known}, got {sensor.side!r}.")
 
 
 def _on_side(side: Side, output: PlantOutput) -> Measurement:

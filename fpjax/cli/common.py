@@ -39,7 +39,12 @@ def add_log_options(parser: argparse.ArgumentParser) -> None:
         help='names and units of columns: "velocity=gyro_z:deg/s,torque=tau_cmd", with a scale "torque=Iq:A*0.12" '
         '(N m/A), "position=enc:counts/4096" (per turn), "torque_measured=Iq:A*0.12", "axis=2" of a robot, or "emps"',
     )  # fmt: skip
-    parser.add_argument("--rate", type=real, metavar="HZ", help="sample rate of a log without a time column")
+    parser.add_argument(
+        "--rate",
+        type=real,
+        metavar="HZ",
+        help="sample rate of a log without a time column, or of one too coarse to tell it",
+    )
     parser.add_argument("--from", dest="start", type=real, metavar="S", help="leave out rows before this log time [s]")
     parser.add_argument("--to", dest="stop", type=real, metavar="S", help="leave out rows after this log time [s]")
     parser.add_argument(

@@ -68,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
     with running_jax(arguments) as record:
         model = open_model(arguments.model, [], record)
         record.stage("read")
-        logs = [read_measured(path, model, arguments, record) for path in arguments.logs]
+        logs, hashes, refused = _read(model, record, arguments)
         holdout = [read_measured(path, model, arguments, record, role="holdout") for path in arguments.holdout]
         assert record.folder is not None
         if not arguments.each:
@@ -85,7 +85,7 @@ def run(arguments: argparse.Namespace) -> int:
                     f"{place} of {len(logs)} logs are diagnosed in {record.folder}; add --resume to the same command "
                     "to go on"
                 )
-                key, finished = _key(place, record, arguments), record.folder / name / FINISHED
+                key, finished = _key(hashes[place], record, arguments), record.folder / name / FINISHED
                 if arguments.resume and _is_finished(finished, key):
                     say(record, f"{log.name} was diagnosed before, in {record.folder / name}")
                     record.path(f"{name}/{DIAGNOSIS}")
@@ -98,17 +98,42 @@ def run(arguments: argparse.Namespace) -> int:
                 if place:
                     print()
                 print(f"{log.name}, in {record.folder / name}:", flush=True)
-                _one(model, [log], holdout, record.folder / name, record, arguments, bar, part)
+                try:
+                    _one(model, [log], holdout, record.folder / name, record, arguments, bar, part)
+                except InputError as error:
+                    refused.append(str(error) if log.name in str(error) else f"{log.name}: {error}")
+                    for left in (DIAGNOSIS, "report.html", "corrected.toml"):
+                        record.without(f"{name}/{left}")
+                    continue
                 write_json(finished, {"key": key, "diagnosis": _digest(finished.with_name(DIAGNOSIS))})
+            if len(refused) == len(arguments.logs):
+                raise InputError(f"None of {len(refused)} logs can be diagnosed. {' '.join(refused)}")
+            record.notes += refused
         arguments.kept = ""
         finish(record)
+    if refused:  # after the others' results were finished: they are whole
+        raise InputError(f"{len(refused)} of {len(arguments.logs)} logs cannot be diagnosed. {' '.join(refused)}")
     return 0
 
 
-def _key(place: int, record: RunFile, arguments: argparse.Namespace) -> str:
+def _read(model: "Model", record: RunFile, arguments: argparse.Namespace) -> tuple[list["Log"], list[str], list[str]]:
+    """(the logs, the SHA-256 of their files, with `--each` what those that cannot be read are refused for)."""
+    logs, hashes, refused = [], [], []
+    for path in arguments.logs:
+        try:
+            logs.append(read_measured(path, model, arguments, record))
+        except InputError as error:
+            if not arguments.each or len(arguments.logs) == 1:
+                raise
+            refused.append(str(error))  # the logs of other machines are none the worse for it
+            continue
+        hashes.append([entry["sha256"] for entry in record.inputs if entry["role"] == "log"][-1])
+    return logs, hashes, refused
+
+
+def _key(own: str, record: RunFile, arguments: argparse.Namespace) -> str:
     """A hash of everything that one log's diagnosis depends on: log, model, holdout, options, versions."""
     shared = [entry["sha256"] for entry in record.inputs if entry["role"] != "log"]
-    own = [entry["sha256"] for entry in record.inputs if entry["role"] == "log"][place]
     content = [own, shared, log_options(arguments), arguments.no_report, versions()]
     return hashlib.sha256(json.dumps(content, sort_keys=True, default=str).encode()).hexdigest()
 
@@ -144,6 +169,7 @@ def _one(
     """Diagnose and write the results; `part` is (index, number) of this diagnosis among several that share the bar."""
     from ..gap import diagnose
     from ..gap.fit.saved_fits import NAME, SavedFits
+    from ..gap.report.html import PICTURES
 
     record.stage("diagnose")
     prefix = "" if folder == record.folder else f"{folder.name}/"
@@ -183,11 +209,15 @@ def _one(
     else:
         record.without(f"{prefix}posterior.npz")
     if arguments.no_report:
-        record.without(f"{prefix}report.html")
+        for name in ("report.html", *PICTURES):
+            record.without(f"{prefix}{name}")
     else:
         record.path(f"{prefix}report.html")
         with busy("diagnose", "drawing the report"):
             found.report(folder)
+        for name in PICTURES:
+            if (folder / name).is_file():
+                record.path(f"{prefix}{name}")
     kept.discard()
     sys.stdout.flush()
 

@@ -165,6 +165,13 @@ def _aside(path: pathlib.Path) -> pathlib.Path:
     return next(place for name in names if not (place := path.with_name(name)).exists())
 
 
+def _keep_aside(path: pathlib.Path, record: RunFile) -> None:
+    """Rename a file that is no result of this run, and say so."""
+    kept = _aside(path)
+    os.replace(path, kept)
+    say(record, f"{path} was there with other content, perhaps yours: it is kept as {kept.name}.")
+
+
 def _digits(value: float) -> float:
     """A number with six significant digits, for a file that people read."""
     return float(f"{value:.6g}")
@@ -176,14 +183,17 @@ def _write(found: "Inspection", record: RunFile, plots: bool) -> None:
     if text is not None:
         path = record.path("servo.toml")
         if path.is_file() and path.read_text(errors="replace") != text:
-            kept = _aside(path)
-            os.replace(path, kept)
-            say(record, f"{path} was there with other content, perhaps yours: it is kept as {kept.name}.")
+            _keep_aside(path, record)
         write_whole(path, text)
     else:
         why = "there is no nominal model" if found.nominal is None else found.nominal.doubt
         print(f"\n  no servo.toml was written: {why}")
+        assert record.folder is not None
+        if (path := record.folder / "servo.toml").is_file():
+            _keep_aside(path, record)
     if plots:
         from .pictures_log import draw_inspection
 
         draw_inspection(found, record.path("inspection.png"))
+    else:
+        record.without("inspection.png")

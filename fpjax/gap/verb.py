@@ -18,7 +18,7 @@ from ..output.stages import StageClock
 from ..simulation.precision import double_precision
 from .answer.assemble import assemble
 from .answer.curves import curves_of
-from .answer.provenance import provenance
+from .answer.provenance import columns_hash, provenance
 from .data.checks import about_noise, check
 from .data.inputs import about_late_torque, on_one_clock, read_logs, read_model, with_earlier_torque
 from .data.record import about_stretches, make_records
@@ -104,10 +104,26 @@ def diagnose(
     return tuple(found) if each else found[0]
 
 
+def _refuse_repeated(fitted: Sequence[Log], withheld: Sequence[Log]) -> None:
+    """Refuse a log that is given twice: it would count twice, or be withheld from a fit that it is in."""
+    seen: set[str] = set()
+    for log in fitted:
+        if (key := columns_hash(log)) in seen:
+            raise InputError(f"{log.name} is given twice, and would count twice: give each log once.")
+        seen.add(key)
+    for log in withheld:
+        if columns_hash(log) in seen:
+            raise InputError(
+                f"{log.name} is fitted and held out: a holdout must be a log that the fit has not seen. Give it as one "
+                f"of the two; without a holdout blocks of the log itself are withheld."
+            )
+
+
 def _diagnose(
     logs: Sequence[Log], withheld: Sequence[Log], model: Model, effects: tuple[Effect, ...], allowed: tuple[str, ...],
     clock: StageClock, keep: SavedFits | None,
 ) -> Diagnosis:  # fmt: skip
+    _refuse_repeated(logs, withheld)
     started = datetime.datetime.now(datetime.UTC)
     clock("looking")
     if model.units.motion == "linear":

@@ -96,7 +96,7 @@ def _in_another_unit(posterior: Posterior, causes: Sequence[str], scales: Sequen
         return ""
     return (
         f"the velocity column is {scales[0]:.4g} times the position's rate; give its unit or turn its sign, such as "
-        "--columns velocity=velocity:deg/s."
+        "--columns velocity=NAME:deg/s."
     )
 
 

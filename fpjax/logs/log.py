@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from ..errors import InputError
 from ..output.drawable import Drawable
 from .arrays import Values, rms
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+OTHER_PERIOD = 0.01  # relative deviation of the times' steps from dt, above which they are of another clock
 ROUNDING = 1e-9  # of its size: a reference that changes by no more was constant before it was resampled
 
 
@@ -45,6 +47,9 @@ class Log(Drawable):
         since: from the start of the recording's first stretch to this one's [s]; 0 where time starts anew.
         further: other stretches of the same recording, each a log of its own, where time starts anew or was
             interrupted; this one is the longest. A changed log (`dataclasses.replace`) has none.
+
+    Raises:
+        InputError: for columns of other shapes, and for a dt that is not the step of the times.
     """
 
     time: Values
@@ -66,6 +71,31 @@ class Log(Drawable):
     resampled: bool = False
     since: float = 0.0
     further: tuple["Log", ...] = field(default=(), init=False)
+
+    def __post_init__(self) -> None:
+        for name in ("time", "torque", "velocity", "position", "reference"):
+            values = getattr(self, name)
+            if values is None:
+                continue
+            if not isinstance(values, np.ndarray):
+                object.__setattr__(self, name, values := np.asarray(values, float))
+            if values.shape != np.shape(self.time)[:1]:
+                raise InputError(
+                    f"{self.name}: {name} has the shape {values.shape} and time {np.shape(self.time)}: every column of "
+                    f"a Log needs one number for each time."
+                )
+        if not (np.isfinite(self.dt) and self.dt > 0.0):
+            raise InputError(f"{self.name}: dt must be a positive time in s, got {self.dt!r}.")
+        if len(self.time) < 2:
+            return
+        # Either may be right: of a time in single precision the mean, of one with a break the median.
+        steps = np.diff(np.asarray(self.time, float))
+        step = float(np.median(steps))
+        if min(abs(each / self.dt - 1.0) for each in (step, float(np.mean(steps)))) > OTHER_PERIOD:
+            raise InputError(
+                f"{self.name}: its times are {step:.6g} s apart, but its dt is {self.dt:.6g} s: give the control "
+                f"period that the times have, or let fpjax.read_log take the columns."
+            )
 
     def __len__(self) -> int:
         return len(self.time)

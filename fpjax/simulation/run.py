@@ -170,7 +170,7 @@ def simulate(
         substeps: solver steps per control period when sampled.
         measures: measures to accumulate along the run, by names of your choice.
         record: signals to store, by the names of `Signals`; an estimate as "estimates.coulomb".
-        initial: state to start from; None for rest.
+        initial: state to start from, at t = 0 of the reference; None for rest.
         key: `jax.random` key of the sensor's noise; None for no noise.
         throw: raise an error where the run diverges, instead of reporting it in `status`.
 

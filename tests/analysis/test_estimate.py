@@ -163,11 +163,38 @@ LOG = fp.Log(TIME, 20.0 * np.sign(np.cos(9.0 * TIME)), np.sin(9.0 * TIME), None,
 
 
 @pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"dt": 2.0 * DT}, "its times are 0.001 s apart, but its dt is 0.002 s"),
+        ({"dt": -DT}, "dt must be a positive time"),
+        ({"torque": LOG.torque[:300]}, "torque has the shape .300,. and time .501,."),
+        ({"velocity": LOG.velocity[:, None]}, "velocity has the shape .501, 1."),
+    ],
+)
+def test_columns_that_make_no_log_are_refused(changes, said):
+    with pytest.raises(fp.InputError, match=said):
+        dataclasses.replace(LOG, **changes)
+
+
+def test_a_log_may_be_of_lists_of_single_precision_and_with_a_break():
+    assert dataclasses.replace(LOG, torque=LOG.torque.tolist()).torque.dtype == np.float64
+    long = np.float32(DT) * np.arange(400_000, dtype=np.float32)
+    assert fp.Log(long, long, long, None, None, DT).samples == 400_000
+    broken = TIME + np.where(TIME > 0.2, 60.0, 0.0)
+    assert dataclasses.replace(LOG, time=broken).dt == DT
+
+
+@pytest.mark.parametrize(
     ("log", "observer", "options", "said"),
     [
         (LOG, fp.NoObserver(), {}, "estimates nothing"),
         (dataclasses.replace(LOG, velocity=None), EFP, {}, "neither velocity nor position"),
-        (dataclasses.replace(LOG, time=LOG.time[:9], torque=LOG.torque[:9]), EFP, {}, "at least 16"),
+        (
+            dataclasses.replace(LOG, time=LOG.time[:9], torque=LOG.torque[:9], velocity=LOG.velocity[:9]),
+            EFP,
+            {},
+            "at least 16",
+        ),
         (LOG, EFP, {"average": 9.0}, "at most the log.s 0.501 s, got 9 s"),
         (LOG, EFP, {"passes": 0}, "at least 1, got 0"),
         (LOG, fp.ExtendedFriedlandPark(INERTIA, 1e12, 1e12), {}, "smaller gains"),

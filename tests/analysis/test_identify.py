@@ -107,6 +107,9 @@ def test_a_parameter_at_its_bound_is_named(record):
         ({"velocity": np.zeros(9)}, ["plant.stiffness"], {"bounds": {"plant.damping": (1.0, 2.0)}}, "not among"),
         ({"velocity": np.zeros(9)}, ["plant.stiffness"], {"bounds": {"plant.stiffness": (1.0, 2.0)}}, "inside"),
         ({"velocity": np.zeros(9)}, ["plant.stiffness"], {"noise": {"velocity": 0.0}}, "above zero"),
+        # As the messages write a parameter's path, and one name alone.
+        ({"velocity": np.zeros(9)}, ["loop.plant.stiffness"], {"bounds": {"loop.plant.stiffness": (1, 2)}}, "inside"),
+        ({"velocity": np.zeros(9)}, "plant.stiffness", {"bounds": {"plant.stiffness": (1.0, 2.0)}}, "inside"),
     ],
 )
 def test_bad_input_is_one_sentence(measured, names, options, said):

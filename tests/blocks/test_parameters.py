@@ -91,3 +91,12 @@ def test_entries_of_tuples_and_dictionaries_have_names(loop):
     tree = (loop.plant, {"sine": fp.Sine(1.0, 2.0)})
     assert "1.sine.frequency" in fp.parameter_names(tree)
     assert float(fp.get_parameter(fp.set_parameters(tree, {"1.sine.frequency": 4.0}), "1.sine.frequency")) == 4.0
+
+
+@pytest.mark.parametrize(
+    "make", [fp.IdealSensor, lambda side: fp.Gyro(0.0, side=side), lambda side: fp.Encoder(1e-3, side=side)]
+)
+def test_a_side_of_the_transmission_that_there_is_not_is_refused(make):
+    assert make("motor").side == "motor"
+    with pytest.raises(fp.InputError, match="must be 'load' or 'motor', got 'Motor'"):
+        make("Motor")

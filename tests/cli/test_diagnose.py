@@ -327,6 +327,30 @@ def test_each_goes_on_where_it_was_interrupted(made, three, quick, tmp_path, cap
     assert asked[8:] == [["run.txt"], ["last.csv"]]
 
 
+def test_each_leaves_out_the_logs_that_cannot_be_diagnosed(made, three, quick, tmp_path, capsys):
+    asked, before = quick
+
+    def refuse():
+        raise InputError("run.txt has no motion: record one with some.")
+
+    before[2] = refuse
+    out, short = tmp_path / "why", tmp_path / "short.csv"
+    short.write_text("time,torque,velocity\n0,1,2\n0.001,1,2\n")
+    options = ["--each", "--model", str(made / "nominal.toml"), "--out", str(out), "--no-report", "--no-cache"]
+    words = ["diagnose", str(short), *three, *options]
+    assert main(words) == 2
+    error = capsys.readouterr().err
+    assert "2 of 4 logs cannot be diagnosed. short.csv is too short" in error
+    assert "run.txt has no motion" in error
+    # What is finished is whole, and is not made again.
+    assert not (out / "run.unfinished").exists()
+    assert asked == [["run.csv"], ["run.txt"], ["last.csv"]]
+    assert main([*words, "--resume"]) == 2
+    assert asked[3:] == [["run.txt"]]
+    assert main(["diagnose", str(short), str(short), *options]) == 2
+    assert "None of 2 logs can be diagnosed" in capsys.readouterr().err
+
+
 def test_an_interrupted_diagnosis_leaves_a_marked_folder_and_says_how_to_go_on(made, quick, tmp_path, capsys):
     asked, before = quick
     before[1] = before[3] = interrupt

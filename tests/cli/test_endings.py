@@ -93,6 +93,12 @@ def test_an_edited_model_is_kept_beside_a_new_one(log, tmp_path, capsys):
         assert f"kept as {name}" in capsys.readouterr().err
         assert (tmp_path / name).read_text() == f"# mine, {name}"
         assert (tmp_path / "servo.toml").read_text() == made
+    # Nor does it pass for the model of a log of which none is made.
+    still = tmp_path / "still.csv"
+    still.write_text("time,torque,velocity\n" + "".join(f"{0.001 * k},{0.1 * (k % 7)},0\n" for k in range(200)))
+    assert run("inspect", still, "--no-plots", "--out", tmp_path) == 0
+    assert "kept as servo.before-3.toml" in capsys.readouterr().err
+    assert not (tmp_path / "servo.toml").exists()
     refuse(capsys, "inspect", log, "--out", "", match="empty text")
 
 

@@ -50,7 +50,7 @@ def every(log, rows):
     """The log as a slower logger sees it: each reading that of its moment."""
     some = {
         name: column[::rows]
-        for name in ("time", "torque", "velocity", "position")
+        for name in ("time", "torque", "velocity", "position", "reference")
         if (column := getattr(log, name)) is not None
     }
     return dataclasses.replace(log, dt=rows * log.dt, **some)

@@ -52,6 +52,12 @@ def test_runs_at_other_rates_are_taken_at_the_slowest(log):
     assert entry.parameters["torque"].value == pytest.approx(-0.1, abs=0.01)
 
 
+def test_a_log_counts_once_and_is_withheld_from_a_fit_that_it_is_not_in(log):
+    for what, said in (({"log": log, "holdout": log}, "is fitted and held out"), ({"log": [log, log]}, "given twice")):
+        with pytest.raises(InputError, match=said):
+            fp.diagnose(model=MODEL, effects=OFFSET, **what)
+
+
 def test_a_torque_in_ampere_is_answered_in_ampere(log):
     found = fp.diagnose(log, MODEL + '[units]\ntorque = "A"\nsensors = "both"\n', effects=OFFSET)
     assert found.gap.unit == "A"

@@ -131,6 +131,13 @@ def test_page_reads_on_a_phone_in_the_dark_and_on_paper(report):
     assert all(a["role"] == "img" and a["aria-label"] for a in pictures)
 
 
+def test_a_picture_of_an_earlier_report_does_not_stay_beside_the_page(tmp_path):
+    for name in ("left.png", "learned.png", "mine.png"):
+        (tmp_path / name).write_bytes(b"earlier")
+    CASES["bare"]().report(tmp_path)
+    assert {path.stem for path in tmp_path.glob("*.png")} == PICTURES["bare"] | {"mine"}
+
+
 def test_every_picture_is_beside_the_page(report):
     name, _, path, _ = report
     assert {p.stem for p in path.parent.glob("*.png")} == PICTURES[name]

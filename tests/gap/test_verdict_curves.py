@@ -58,6 +58,12 @@ def test_a_cause_that_a_curve_outdoes_only_bends_after_it():
     assert by_chance.word == "partly_explained"
 
 
+def test_no_cause_is_asserted_that_leaves_more_than_there_was():
+    chosen, rivals = weighed("torque_saturation", 500.0), [weighed("presliding", 200.0)]
+    assert judged(chosen, rivals, left=0.9, moved=0.5).word == "partly_explained"
+    assert judged(chosen, rivals, left=1.1, moved=0.5).word == "unexplained"
+
+
 def test_of_several_effects_the_one_that_follows_the_dominant_variable_comes_first():
     chosen = weighed("asymmetric_friction+load_dependent_friction", 500.0)
     shares = {"asymmetric_friction": 0.9, "load_dependent_friction": 0.4}

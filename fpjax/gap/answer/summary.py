@@ -19,7 +19,7 @@ PLACES = {
     "low_speed": "at low speed",
     "acceleration": "while accelerating",
     "cruise": "at steady speed",
-    "limit": "near the torque limit",
+    "limit": "at the largest torques",
 }
 SHOWN = 5  # entries of the ranking that are printed
 CANNOT_BE = "no cause is told, since a unit, a sign, a column or the model cannot be right"

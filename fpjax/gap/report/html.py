@@ -34,11 +34,14 @@ _NAVIGATION = (
     ("provenance", "Provenance"),
 )
 
+PICTURES = tuple(f"{name}.png" for name in ("overview", "record", "where", "left", "residual", "learned", "shrink"))
+"""Files beside the page: those for which a diagnosis has data."""
+
 
 def write_report(diagnosis: Answer, out_dir: str | Path) -> Path:
-    """Write `report.html` and its pictures: `overview.png`, `record.png`, `where.png`, `residual.png`, `shrink.png`.
+    """Write `report.html` and its `PICTURES`.
 
-    A picture for which the diagnosis has no data is left out.
+    A picture for which the diagnosis has no data is left out; one that an earlier report left in the folder goes.
 
     Args:
         diagnosis: from `fpjax.gap.diagnose`.
@@ -68,6 +71,8 @@ def write_report(diagnosis: Answer, out_dir: str | Path) -> Path:
         }
         for picture in pictures:
             write_whole(folder / f"{picture.name}.png", to_png(picture.wide))
+        for name in set(PICTURES) - {"overview.png", *(f"{picture.name}.png" for picture in pictures)}:
+            (folder / name).unlink(missing_ok=True)
         write_whole(folder / "report.html", to_page(diagnosis, drawn))
     except OSError as error:
         raise InputError(

@@ -254,7 +254,8 @@ def _word(decision: Decision, seen: Seen, chosen: _Set, near: int, lead: float, 
         return "unexplained"
     return (
         "partly_explained"
-        if min(left, seen.moved / decision.whole) < t.part or (left < 1.0 and _follows_dominant(seen, chosen, t))
+        if seen.after < seen.before
+        and (min(left, seen.moved / decision.whole) < t.part or (left < 1.0 and _follows_dominant(seen, chosen, t)))
         else "unexplained"
     )
 

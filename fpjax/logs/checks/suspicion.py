@@ -15,6 +15,14 @@ UNITS = {
     100.0: ("", "cm/s"),
     0.001: ("krad/s", "km/s"),
 }
+# the same of a velocity against the rate of a position, where both columns are in other units
+PAIRS = {
+    1.0 / 6.0: ("rpm", "deg"),
+    60.0: ("rpm", "rev"),
+    1.0 / 360.0: ("rev/s", "deg"),
+    360.0: ("deg/s", "rev"),
+}
+LIKE_PAIR = 0.02  # relative deviation from such a factor: 1 / 6 is 5 % beside that of rev/s
 LIKE = 0.08  # relative deviation from such a factor: a regression on noisy data finds it to a few percent
 
 
@@ -72,6 +80,11 @@ class Suspicion:
     sentence: str
     severity: Literal["stop", "warn"]
     kind: str
+
+
+def pair_of(factor: float) -> tuple[str, str] | None:
+    """The units of a velocity and a position of a rotary axis whose ratio to its rate is this factor, or None."""
+    return next((units for size, units in PAIRS.items() if abs(factor / size - 1.0) < LIKE_PAIR), None)
 
 
 def unit_of(factor: float, *, linear: bool) -> str | None:

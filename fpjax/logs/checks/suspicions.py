@@ -19,7 +19,7 @@ from ..noise import noise_level, rounding_step
 from .agreement import TOGETHER, one_unit, travelled
 from .clipped_counter import clipped_counter
 from .stamp_jitter import stamp_jitter
-from .suspicion import LIKE, unit_of
+from .suspicion import LIKE, pair_of, unit_of
 from .suspicion import Expected as Expected
 from .suspicion import Numbers as Numbers
 from .suspicion import Suspicion as Suspicion
@@ -252,7 +252,7 @@ def _unit_of_time(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
         unit = named[0] if named and together > TOGETHER else unit
     yield Suspicion(
         f"its rows are {log.dt:.4g} s apart, which is slow for a control period: is its time in {unit}? "
-        f"Then say so with --columns time=time:{unit}.",
+        f"Then say so with --columns time=NAME:{unit}.",
         "warn",
         "clock",
     )
@@ -272,12 +272,20 @@ def _position_against_velocity(log: Log, columns: dict[str, Values]) -> Iterator
             "inconsistent",
         )
         return
+    if unit == "rad" and (pair := pair_of(abs(ratio))):
+        yield Suspicion(
+            f"velocity is {abs(ratio):.3g} x the rate of change of position, as {pair[0]} are beside {pair[1]}: give "
+            f"both units, such as --columns velocity=NAME:{pair[0]},position=NAME:{pair[1]}.",
+            "warn",
+            "unit",
+        )
+        return
     named = unit_of(abs(ratio), linear=unit == "m")
     inverse = unit_of(1.0 / abs(ratio), linear=unit == "m") if ratio else None
     if named:
         yield Suspicion(
             f"velocity looks like {named}: {abs(ratio):.3g} x the rate of change of position; give"
-            f" its unit, such as --columns velocity=velocity:{named}.",
+            f" its unit, such as --columns velocity=NAME:{named}.",
             "warn",
             "unit",
         )
@@ -285,7 +293,7 @@ def _position_against_velocity(log: Log, columns: dict[str, Values]) -> Iterator
         angle = inverse.removesuffix("/s")
         yield Suspicion(
             f"position looks like {angle}: its rate of change is {1 / abs(ratio):.3g} x the "
-            f"velocity; give its unit, such as --columns position=position:{angle}.",
+            f"velocity; give its unit, such as --columns position=NAME:{angle}.",
             "warn",
             "unit",
         )
@@ -310,7 +318,7 @@ def _position_against_velocity(log: Log, columns: dict[str, Values]) -> Iterator
     elif together > SURELY and abs(ratio - 1.0) > OTHER_SCALE:
         yield Suspicion(
             f"velocity is {ratio:.3g} x the rate of change of position: one of them has a wrong scale, or a gear lies "
-            f"between them; correct it, as with --columns velocity=velocity*{1.0 / ratio:.4g}.",
+            f"between them; correct it, as with --columns velocity=NAME*{1.0 / ratio:.4g}.",
             "warn",
             "scale",
         )
@@ -327,7 +335,7 @@ def _whole_numbers(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
         yield Suspicion(
             f"{name} holds whole numbers only, up to {np.max(np.abs(values)):.4g} "
             f"{'m' if log.linear else 'rad'}{'' if name == 'position' else '/s'}: these are another unit or "
-            f"counts; give it, such as --columns {name}={name}:{near}{'' if log.linear else f' or {counts}'}.",
+            f"counts; give it, such as --columns {name}=NAME:{near}{'' if log.linear else f' or {counts}'}.",
             "warn",
             "unit",
         )
@@ -341,7 +349,7 @@ def _whole_torque(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
         return
     yield Suspicion(
         f"torque holds whole numbers only, up to {np.max(np.abs(torque)):.4g} {unit}: drives record per mille of the "
-        f"rated torque, mA or counts so; give its unit, such as --columns torque=torque:‰, or torque=torque:‰*0.0024 "
+        f"rated torque, mA or counts so; give its unit, such as --columns torque=NAME:‰, or torque=NAME:‰*0.0024 "
         f"with {'N' if log.linear else 'N m'} for one of them.",
         "warn",
         "counts",
@@ -382,7 +390,7 @@ def _velocity_against_reference(log: Log, columns: dict[str, Values]) -> Iterato
     if named:
         yield Suspicion(
             f"velocity looks like {named}: {ratio:.3g} x the reference; give its unit, such as --columns "
-            f"velocity=velocity:{named}.",
+            f"velocity=NAME:{named}.",
             "warn",
             "unit",
         )

@@ -57,7 +57,7 @@ def torque_against_motion(log: Log, columns: dict[str, Values], model: Expected 
         yield Suspicion(
             f"torque and motion have opposite signs (the motion accelerates against the torque: inertia "
             f"{found.inertia:.3g} +- {found.deviations[0]:.2g}): turn the sign of one of them, such as "
-            f"--columns torque=torque*-1.",
+            f"--columns torque=NAME*-1.",
             "warn",
             "sign",
         )
@@ -65,7 +65,7 @@ def torque_against_motion(log: Log, columns: dict[str, Values], model: Expected 
         yield Suspicion(
             f"torque and motion have opposite signs (friction would drive the machine: Coulomb {found.coulomb:.3g} +- "
             f"{found.deviations[1]:.2g}, viscous {found.viscous:.3g} +- {found.deviations[2]:.2g}, and on the whole "
-            f"the motion gives power to the motor): turn the sign of one of them, such as --columns torque=torque*-1.",
+            f"the motion gives power to the motor): turn the sign of one of them, such as --columns torque=NAME*-1.",
             "warn",
             "sign",
         )

@@ -7,7 +7,7 @@ import itertools
 import pathlib
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,7 +15,17 @@ from ...errors import InputError
 from ..mending.clock import TIME_UNITS, since_1970
 from .csv_blocks import has_blocks
 from .csv_blocks import read as read_blocks
-from .csv_layout import NAME_OF, Layout, find_layout, headings_removed, number, split, without_end
+from .csv_layout import (
+    NAME_OF,
+    Layout,
+    find_layout,
+    has_decimal_point,
+    headings_removed,
+    number,
+    split,
+    thousands,
+    without_end,
+)
 from .table import RawTable, Request
 
 PIECE = 50_000  # [lines]
@@ -42,7 +52,13 @@ def read(path: pathlib.Path, request: Request) -> RawTable:
         if has_blocks(head):
             return read_blocks(path, lines, head, request)
         layout = find_layout(head, path.name)
-        return _read(itertools.islice(lines, layout.skipped, None), path, layout, request)
+        while True:
+            try:
+                return _read(itertools.islice(lines, layout.skipped, None), path, layout, request)
+            except _DecimalPointError as found:  # below the head: its column is read anew
+                layout = replace(layout, pointed=layout.pointed | {found.column})
+                stream.seek(0)
+                lines = headings_removed(stream)
 
 
 def _encoding(path: pathlib.Path) -> str:
@@ -63,6 +79,14 @@ def _encoding(path: pathlib.Path) -> str:
     except UnicodeDecodeError:
         return "latin-1"
     return "utf-8-sig"
+
+
+class _DecimalPointError(Exception):
+    """A column has both 1.234, which was read as an integer in groups, and a number with a decimal point."""
+
+    def __init__(self, column: int):
+        super().__init__(column)
+        self.column = column
 
 
 @dataclass
@@ -113,6 +137,7 @@ def _read(stream: Iterator[str], path: pathlib.Path, layout: Layout, request: Re
                 f"{path.name} is not a table: {found.first_broken}, and so do {found.broken} of {total} rows."
             )
         warnings.append(f"{path.name}: {found.broken} of {total} rows were dropped ({found.first_broken}).")
+    warnings += cells.about_points(path.name, found.rows)
     columns: dict[str, np.ndarray] = {}
     text: dict[str, str] = {}
     for place, index in enumerate(chosen):
@@ -142,6 +167,8 @@ class _Cells:
         self.words = dict.fromkeys(chosen, 0)  # by column: number of cells that are not numbers
         self.text: dict[int, str] = {}  # by column: the first such cell, for the message
         self.known_text: set[int] = set()  # columns that are text throughout: not parsed again
+        self.grouped: dict[int, int] = {}  # by column: number of cells such as 1.234, in a file of decimal commas
+        self.pointed = set(layout.pointed)  # columns with a decimal point there
 
     def numbers(self, lines: list[str], row: int, found: _Gathered) -> np.ndarray:
         """The cells, shape (rows, columns), NaN where they are not numbers; rows of another width are dropped."""
@@ -167,6 +194,8 @@ class _Cells:
         every = len(columns) == len(layout.names)
         if layout.decimal_comma and layout.separator == ",":
             return None
+        if layout.decimal_comma and any("." in line for line in lines):
+            return None  # each cell tells whether its points are between thousands
         if layout.decimal_comma:
             lines = [line.replace(",", ".") for line in lines]
         if layout.trailing:
@@ -210,8 +239,37 @@ class _Cells:
         if not cell or cell.lower() in NOT_READ:
             return float("nan")
         value = number(cell, comma=self.layout.decimal_comma)
+        if self.layout.decimal_comma:
+            value = self._in_groups(index, cell, value)
         if value is None:
             self.words[index] += 1
             self.text.setdefault(index, f"{cell[:30]!r} in row {row}")
             return float("nan")
         return value
+
+    def _in_groups(self, index: int, cell: str, value: float | None) -> float | None:
+        """The value of a cell in a file of decimal commas, where 1.234 is an integer unless points are decimal ones."""
+        whole = thousands(cell)
+        if whole is not None:
+            self.grouped[index] = self.grouped.get(index, 0) + 1
+        elif has_decimal_point(cell):
+            self.pointed.add(index)
+        if index in self.grouped and index in self.pointed and index not in self.layout.pointed:
+            raise _DecimalPointError(index)
+        return value if whole is None or index in self.pointed else whole
+
+    def about_points(self, name: str, rows: int) -> list[str]:
+        """A sentence for each column of a file of decimal commas in which points may be either.
+
+        Args:
+            name: of the file.
+            rows: that were read.
+        """
+        found = []
+        for index, count in self.grouped.items():
+            column = f"{name}: commas are its decimals, and column {self.layout.names[index]}"
+            if index in self.pointed:
+                found.append(f"{column} has decimal points: it mixes both, and 1.234 was read as a decimal there.")
+            elif count == rows:
+                found.append(f"{column} has a point in every cell: 1.234 was read as 1234 there.")
+        return found

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 
 from ...errors import InputError
+from ..columns.names import bracket_unit
 from ..columns.units import find_unit
 from ..mending.clock import SLOW
 
@@ -38,6 +39,7 @@ class Layout:
         notes: what was assumed, a sentence each.
         ended: whether rows end with ";" where that separates no cells, as those of a matrix in MATLAB.
         period: between two rows [s], where the preamble tells it.
+        pointed: places of the columns whose points are decimal ones, though commas are in the others.
         worded: whether the first column holds words; a row that begins with one in another table is a heading.
     """
 
@@ -52,6 +54,7 @@ class Layout:
     ended: bool = False
     period: float | None = None
     worded: bool = True
+    pointed: frozenset[int] = frozenset()
 
     @property
     def first_row(self) -> int:
@@ -61,6 +64,24 @@ class Layout:
 
 # 1,234.5 and 1'234'567: in groups of three, of which the first begins with no zero
 _GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}(?:[,'\u2019]\d{3})+(?:\.\d*)?(?:[eE][-+]?\d+)?")
+
+# 1.234.567, as German programs write integers
+_POINTS = re.compile(r"[-+]?[1-9]\d{0,2}(?:\.\d{3})+")
+
+
+def thousands(cell: str) -> float | None:
+    """The whole number in a cell whose points stand between groups of three digits (1.234), or None."""
+    return float(cell.replace(".", "")) if _POINTS.fullmatch(cell) else None
+
+
+def has_decimal_point(cell: str) -> bool:
+    """Whether a cell of a file of decimal commas is a number with a decimal point, or one of more than three digits.
+
+    In a column of the latter (1234) a 1.234 is no integer in groups either.
+    """
+    if thousands(cell) is not None or not re.fullmatch(r"[-+]?(?:\d*\.\d*|\d{4,})(?:[eE][-+]?\d+)?", cell):
+        return False
+    return any(map(str.isdigit, cell))
 
 
 def number(cell: str, *, comma: bool) -> float | None:
@@ -75,13 +96,13 @@ def number(cell: str, *, comma: bool) -> float | None:
     try:
         return float(cell)
     except ValueError:
+        if cell.count(":") >= 2:
+            return _clock(cell)
         # the later one of comma and point is the decimal one
         if comma and cell.count(",") == 1 and cell.rfind(".") < cell.find(","):
             return number(cell.replace(".", "").replace(",", "."), comma=False)
         if _GROUPED.fullmatch(cell):
             return float(re.sub("[,'\u2019]", "", cell))
-        if cell.count(":") >= 2:
-            return _clock(cell)
         # 12 345,6: a space or a narrow one between digits
         joined = re.sub(r"(?<=\d)[ \u00a0\u202f](?=\d{3}(?!\d))", "", cell)
         if joined != cell:
@@ -107,10 +128,24 @@ def has_decimal_comma(cells: Iterable[str], separator: str | None) -> bool:
     return bool(commas) and plain and separator != ","
 
 
+# 28.11.2026 23:59:57.000, 11/28/2026 11:59:57 PM, 23:59:57:000
+_MOMENT = re.compile(
+    r"(?:(?P<day>\d{1,2})\.(?P<month>\d{1,2})\.(?P<year>\d{4}),? +"
+    r"|(?P<us_month>\d{1,2})/(?P<us_day>\d{1,2})/(?P<us_year>\d{4}),? +(?=.*[ap]m$))?"
+    r"(?P<hour>\d{1,2}):(?P<minute>\d{2}):(?P<second>\d{2})(?P<rest>\.\d+|:\d{3})?(?: ?(?P<half>[ap])m)?",
+    re.IGNORECASE,
+)
+
+
 def _clock(cell: str) -> float | None:
-    """Seconds of "2025-11-09T09:27:03.748Z" (since 1970) or "09:27:03.748" (since midnight), or None."""
+    """Seconds of "2025-11-09T09:27:03.748Z" (since 1970) or "09:27:03.748" (since midnight), or None.
+
+    Dates may also be German ones (day.month.year) or those of a clock of 12 hours (month/day/year and AM or PM).
+    """
     text = cell.strip().strip('"').replace(",", ".")
     try:
+        if found := _MOMENT.fullmatch(text):
+            return _seconds(found)
         if "-" in text or "/" in text:
             moment = datetime.fromisoformat(text.replace("/", "-"))
             return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
@@ -118,6 +153,25 @@ def _clock(cell: str) -> float | None:
         return 3600.0 * int(hours) + 60.0 * int(minutes) + float(seconds)
     except ValueError:
         return None
+
+
+def _seconds(found: re.Match[str]) -> float:
+    """Seconds of a match of `_MOMENT`, since 1970 where it has a date.
+
+    Raises:
+        ValueError: for a date or an hour that there is not.
+    """
+    hour, rest = int(found["hour"]), (found["rest"] or ".0").replace(":", ".")
+    if found["half"]:
+        if not 1 <= hour <= 12:
+            raise ValueError(f"{hour} is no hour of a clock of 12")
+        hour = hour % 12 + (12 if found["half"].lower() == "p" else 0)
+    seconds = 3600.0 * hour + 60.0 * int(found["minute"]) + float(found["second"] + rest)
+    date = [found["year"] or found["us_year"], found["month"] or found["us_month"], found["day"] or found["us_day"]]
+    if date[0] is None:
+        return seconds
+    year, month, day = map(int, date)
+    return datetime(year, month, day, tzinfo=UTC).timestamp() + seconds
 
 
 def split(line: str, separator: str | None) -> list[str]:
@@ -257,30 +311,27 @@ def _with_header(lines: list[str], filled: list[int], separator: str | None, fir
     above = [place for place in filled if place < first]
     units: list[str] = []
     header: list[str] | None = None
-    # from the first row of numbers upwards: an optional row of units, then the header
+    # from the first row of numbers upwards: an optional row of units, then the header, or these two the other way round
     for place in reversed(above[-3:]):
-        line = lines[place].strip()
-        line = line.lstrip("#%").strip()
-        parts = _cells(line, separator, all_of_them=True)
+        parts = _cells(_uncommented(lines[place]), separator, all_of_them=True)
         if len(parts) == width and _numeric(parts) > 0.5:
             continue  # a row of the table in which a word stands
-        parts = [part.strip('"').strip() for part in (parts if len(parts) == width else _cells(line, separator))]
-        if len(parts) > width and len(named := [part for part in parts if part]) == width:
-            parts = named  # two separators between the names, one between the numbers
-        if len(parts) == width + 1 and parts[-1].lower() in _REMARKS:
-            parts = parts[:-1]
-        if len(parts) != width and separator is None:
-            parts = [part.strip() for part in line.split(",")]
-        if len(parts) != width:
+        parts = _heading_cells(lines[place], separator, width)
+        if parts is None:
             break
         if not units and _are_units(parts) and place != above[0]:
             units = [part.strip("[]()") for part in parts]
             continue
         header = parts
+        before = filled[filled.index(place) - 1] if place != above[0] else None
+        if not units and before is not None and all(bracket_unit(part)[1] is None for part in parts):
+            units = _units_above(_heading_cells(lines[before], separator, width))
         break
     body = [lines[place] for place in filled if place >= first]
     cells = [_cells(line, separator, all_of_them=count) for line in body]
     comma = has_decimal_comma((cell for row in cells for cell in row), separator)
+    columns = enumerate(zip(*(row for row in cells if len(row) == width), strict=True)) if comma else ()
+    pointed = frozenset(place for place, column in columns if any(map(has_decimal_point, column)))
     trailing = all(line.rstrip("\r\n").endswith(separator) for line in body) if separator else False
     notes: list[str] = []
     period, labelled = _of_preamble([_cells(lines[place], separator) for place in above], width)
@@ -290,8 +341,34 @@ def _with_header(lines: list[str], filled: list[int], separator: str | None, fir
     units = units or labelled
     return Layout(
         separator, names, {key: unit for key, unit in zip(names, units, strict=False) if unit}, first, comma, trailing,
-        header is None, tuple(notes), period=period, worded=_word(cells[0][0]),
+        header is None, tuple(notes), period=period, worded=_word(cells[0][0]), pointed=pointed,
     )  # fmt: skip
+
+
+def _uncommented(line: str) -> str:
+    return line.strip().lstrip("#%").strip()
+
+
+def _heading_cells(line: str, separator: str | None, width: int) -> list[str] | None:
+    """The cells of a row of names or of units, one for each column; None where it is of another width."""
+    line = _uncommented(line)
+    parts = _cells(line, separator, all_of_them=True)
+    parts = [part.strip('"').strip() for part in (parts if len(parts) == width else _cells(line, separator))]
+    if len(parts) > width and len(named := [part for part in parts if part]) == width:
+        parts = named  # two separators between the names, one between the numbers
+    if len(parts) == width + 1 and parts[-1].lower() in _REMARKS:
+        parts = parts[:-1]
+    if len(parts) != width and separator is None:
+        parts = [part.strip() for part in line.split(",")]
+    return parts if len(parts) == width else None
+
+
+def _units_above(parts: list[str] | None) -> list[str]:
+    """The units of a row above the names; none where one of its filled cells is no unit: a title, or other names."""
+    if parts is None or not _are_units(parts):
+        return []
+    units = [part.strip("[]()") for part in parts]
+    return units if all(not unit.strip("-# ") or find_unit(unit) is not None for unit in units) else []
 
 
 def _of_preamble(rows: list[list[str]], width: int) -> tuple[float | None, list[str]]:

@@ -25,12 +25,16 @@ FEW_AT_START = 0.002  # share of the rows: so many before a long first step are 
 PARTS = 64  # of a log with breaks that are looked at: a wrong time column has millions
 LATE = 5  # [rows] by which a row may have been written late
 COARSE = 0.2  # share of repeated stamps, from which on the clock is coarse and the rows are not repeated
+SURE_GROUPS, ALIKE_GROUPS = 5, 2  # groups of rows of one stamp that tell the period; so few where all are as long
+ALIKE = 0.05  # relative deviation of their periods
 SHORTEST_PERIOD, LONGEST_PERIOD = 1e-8, 1e4  # [s]
 LATEST = 1e13  # [s]: beyond it a float64 does not resolve a millisecond
 MOST_FILLED = LONGEST_FILLED + 2  # [periods per row]: a finer grid would consist of invented samples
 USUAL = (1e-5, 0.05)  # [s]: control periods of drives and of their loggers
 SLOW = 0.2  # [s]: no servo has a control period this long, so the stamps are probably in another unit
 EPOCH = (1e9, 1e10)  # [s] since 1970: of the years 2001 to 2286
+DAY = 86400.0  # [s]
+DAYS = (2e4, 8e5)  # stamps in days: Excel counts from 1900, MATLAB from the year 0
 TIME_UNITS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # [s]
 
 
@@ -71,7 +75,7 @@ class Rows:
     left: list[np.ndarray]
 
 
-def in_order(time: np.ndarray, name: str, first_row: int, notes: list[str]) -> Rows:
+def in_order(time: np.ndarray, name: str, first_row: int, notes: list[str], dt: float | None = None) -> Rows:
     """Increasing stamps: repeated rows dropped, late rows sorted, the longest run taken where time runs backwards.
 
     Args:
@@ -79,9 +83,10 @@ def in_order(time: np.ndarray, name: str, first_row: int, notes: list[str]) -> R
         name: of the log, for messages.
         first_row: the number that a user sees on the first row.
         notes: gains a sentence for each thing that was done.
+        dt: the control period [s] where it is known.
 
     Raises:
-        InputError: where too few stamps are numbers, or all of them are equal.
+        InputError: where too few stamps are numbers, all of them are equal, or so many that they tell no period.
     """
     chosen: np.ndarray | None = None
     left: list[np.ndarray] = []
@@ -120,9 +125,9 @@ def in_order(time: np.ndarray, name: str, first_row: int, notes: list[str]) -> R
     repeated = steps == 0.0
     if repeated.any() and time[-1] > time[0]:
         if repeated.mean() > COARSE:
-            time = _spread(time)
+            time = _spread(time, name, dt)
             notes.append(
-                f"{name}: its stamps are coarser than its rows ({100 * repeated.mean():.2g} % repeat the one before): "
+                f"{name}: its stamps are coarser than its rows ({100 * repeated.mean():.3g} % repeat the one before): "
                 f"the rows were spread evenly between them."
             )
         else:
@@ -135,7 +140,18 @@ def in_order(time: np.ndarray, name: str, first_row: int, notes: list[str]) -> R
             time = time[keep]
     elif repeated.any():
         raise InputError(f"{name}: time is {time[0]:g} s in every row, so there is no clock: check the time column.")
+    if _in_days(time):
+        notes.append(
+            f"{name}: its stamps begin at {time[0]:.10g} and are {np.median(np.diff(time)):.3g} apart, which is no "
+            f"control period in s: do they count days? Then say so with --columns time=NAME*86400."
+        )
     return Rows(chosen, time, left)
+
+
+def _in_days(time: np.ndarray) -> bool:
+    """Whether stamps are those of a control period if they count days, as Excel and MATLAB do."""
+    step = float(np.median(np.diff(time))) if time.size > 1 else 0.0
+    return DAYS[0] <= time[0] <= DAYS[1] and USUAL[0] <= step * DAY <= USUAL[1]
 
 
 def likely_unit(period: float) -> str | None:
@@ -170,17 +186,27 @@ def since_1970(time: np.ndarray) -> str:
     return ""
 
 
-def _spread(time: np.ndarray) -> np.ndarray:
+def _spread(time: np.ndarray, name: str, dt: float | None) -> np.ndarray:
     """Stamps of a coarse clock: the rows that share a stamp are spread evenly up to the next stamp."""
     first = np.flatnonzero(np.concatenate([[True], np.diff(time) > 0.0]))
     size = np.diff(np.append(first, time.size))
     stamps = time[first]
     ahead = np.append(np.diff(stamps), np.median(np.diff(stamps)))
-    # the first and the last group may be cut, so they are spread by the period that the others have
-    period = np.median(ahead / size)
-    within = np.arange(time.size) - np.repeat(first, size)
     rate = ahead / size
-    rate[0] = rate[-1] = period
+    # the first and the last group may be cut, so they are spread by the period that the others have
+    inner = rate[1:-1]
+    alike = inner.size >= ALIKE_GROUPS and np.ptp(inner) <= ALIKE * np.median(inner)
+    if inner.size < SURE_GROUPS and not alike:
+        if dt is not None:
+            return time[0] + dt * np.arange(time.size)
+        raise InputError(
+            f"{name}: time has only {first.size} different values in {time.size} rows ({stamps[0]:.10g} to "
+            f"{stamps[-1]:.10g} s), too few to tell how far apart its rows are: export it with more digits, or give "
+            f"the rows per second with --rate (in Python dt=, the seconds between two rows)."
+        )
+    period = np.median(rate)
+    within = np.arange(time.size) - np.repeat(first, size)
+    rate[0], rate[-1] = min(period, rate[0]), period  # and never beyond the next stamp
     return np.repeat(stamps, size) + within * np.repeat(rate, size)
 
 
@@ -251,9 +277,10 @@ def read_clock(time: np.ndarray, name: str, dt: float | None = None) -> Clock:
     steps = np.diff(time)
     period = float(np.median(steps)) if dt is None else dt
     if not SHORTEST_PERIOD <= period <= LONGEST_PERIOD or np.abs(time[[0, -1]]).max() > LATEST:
+        unit = "*86400 for days" if _in_days(time) else f":{likely_unit(period) or 'ms'}"
         raise InputError(
             f"{name}: a row every {period:.3g} s from {time[0]:.6g} to {time[-1]:.6g} s is no control period: check "
-            f"the unit of time, as in --columns time=NAME:{likely_unit(period) or 'ms'}."
+            f"the unit of time, as in --columns time=NAME{unit}."
         )
     counts = np.maximum(np.round(steps / period), 1.0)
     if dt is None:

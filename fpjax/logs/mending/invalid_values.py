@@ -10,6 +10,10 @@ LARGEST = 1e30  # [SI units]: no torque, speed or angle of a machine is near it
 SMALLEST = 1e-60  # [SI units]: products of such values underflow to zero
 ABSURD = 1e6  # times the column's 99 % quantile
 FEW = 0.01  # share of the rows: with more, the whole column is wrong and is refused
+LEAST_MARKED = 3  # rows: a number that marks what was not read comes again
+MARKED = 5.0  # times the largest of the other values: no saturated sensor is so far from its other readings
+MOST_MARKED = 0.5  # of the rows
+FEW_OTHERS = 10  # values: a column of so few is a command of steps
 
 
 def without_absurd(values: np.ndarray, column: str, name: str, first_row: int, notes: list[str]) -> np.ndarray:
@@ -51,7 +55,32 @@ def without_absurd(values: np.ndarray, column: str, name: str, first_row: int, n
     if usual < SMALLEST and usual > 0.0:
         notes.append(f"{name}: {column} is no larger than {usual:.3g}, which was taken as zero: check its unit.")
         values = np.where(np.isfinite(values), 0.0, values)
+    else:
+        notes += _marked(values, column, name, first_row)
     return values
+
+
+def _marked(values: np.ndarray, column: str, name: str, first_row: int) -> list[str]:
+    """A sentence where one number, far from all others, comes again and again: a drive's mark for no reading.
+
+    Nothing is dropped for it, since a command may have two such levels. A column that takes no more than a few other
+    values is not looked at.
+    """
+    size = np.where(np.isfinite(values), np.abs(values), -1.0)
+    mark = float(values[np.argmax(size)])
+    marked = values == mark
+    count, others = int(marked.sum()), size[~marked & (size >= 0.0)]
+    if not LEAST_MARKED <= count <= MOST_MARKED * values.size or not others.size:
+        return []
+    largest = float(others.max())
+    steps = np.unique(others[:: max(1, others.size // 1000)]).size <= FEW_OTHERS
+    if steps or not abs(mark) > MARKED * largest > 0.0:
+        return []
+    return [
+        f"{name}: {column} is {mark:.6g} (in SI units) in {count} rows (first in row {np.argmax(marked) + first_row}) "
+        f"and at most {largest:.3g} elsewhere: a drive writes such a number where it has no reading; if so, leave "
+        "those cells empty."
+    ]
 
 
 def unread_rows(columns: dict[str, np.ndarray]) -> np.ndarray | None:

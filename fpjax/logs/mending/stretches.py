@@ -136,7 +136,7 @@ def _longest(
     time = columns["time"]
     check_length(rows.size, name)
     first = int(rows[0])
-    ordered = in_order(time[rows] if rows.size < time.size else time, name, first_row + first, notes)
+    ordered = in_order(time[rows] if rows.size < time.size else time, name, first_row + first, notes, dt)
     left = [rows[run] for run in ordered.left]
     if ordered.chosen is not None:
         rows = rows[ordered.chosen]
@@ -265,5 +265,8 @@ def _like_a_turn(period: float) -> str:
     if abs(period - 360.0) < LIKE_A_TURN * 360.0:
         return "; degrees wrap so: then say so with --columns position=NAME:deg"
     if counts >= LEAST_COUNTS and abs(period - counts) < LIKE_A_TURN * counts:
-        return f"; counts wrap so: then say so with --columns position=NAME:counts/{counts}"
+        return (
+            f"; a counter of {counts:g} counts wraps so: then say so with --columns position=NAME:counts/N, with N the "
+            f"counts of one turn of the machine (of the counter, if it wraps once a turn)"
+        )
     return ""

@@ -44,11 +44,22 @@ def test_a_sound_log_raises_none_whatever_the_gap(sensors, extra):
     assert suspicions(record(extra=extra, sensors=sensors), BODY) == []
 
 
+@pytest.mark.parametrize(
+    ("velocity", "rate", "position", "angle"),
+    [("rpm", 30.0 / np.pi, "deg", DEGREES), ("rpm", 30.0 / np.pi, "rev", 0.5 / np.pi),
+     ("deg/s", DEGREES, "rev", 0.5 / np.pi), ("rev/s", 0.5 / np.pi, "deg", DEGREES)],
+)  # fmt: skip
+def test_two_columns_in_other_units_are_named_together(log, velocity, rate, position, angle):
+    other = dataclasses.replace(log, velocity=rate * log.velocity, position=angle * log.position)
+    found = [each.sentence for each in suspicions(other, BODY) if each.kind == "unit"]
+    assert f"--columns velocity=NAME:{velocity},position=NAME:{position}" in found[0]
+
+
 def test_degrees_a_second_are_named_with_the_factor(log):
     found = suspicions(dataclasses.replace(log, velocity=DEGREES * log.velocity), BODY)
     assert found[0].severity == "warn"
     assert "velocity looks like deg/s: 57.3 x" in found[0].sentence
-    assert "--columns velocity=velocity:deg/s" in found[0].sentence
+    assert "--columns velocity=NAME:deg/s" in found[0].sentence
 
 
 def test_whole_numbers_are_counts_or_another_unit_and_no_radians(log):
@@ -57,7 +68,7 @@ def test_whole_numbers_are_counts_or_another_unit_and_no_radians(log):
     found = suspicions(only, None)
     assert [(s.severity, s.kind) for s in found] == [("warn", "unit")]
     assert "position holds whole numbers only" in found[0].sentence
-    assert "position=position:deg or counts/4096" in found[0].sentence
+    assert "position=NAME:deg or counts/4096" in found[0].sentence
     both = dataclasses.replace(log, position=counts, velocity=np.round(200.0 * log.velocity))
     assert any("whole numbers" in s.sentence for s in suspicions(both, None))
 
@@ -104,7 +115,7 @@ def test_friction_that_would_drive_the_machine_is_a_torque_of_the_wrong_sign(lac
     (found,) = suspicions(dataclasses.replace(log, torque=-log.torque), None)
     assert found.kind == "sign"
     assert "friction would drive the machine" in found.sentence
-    assert "--columns torque=torque*-1" in found.sentence
+    assert "--columns torque=NAME*-1" in found.sentence
 
 
 @pytest.mark.parametrize(
@@ -336,7 +347,7 @@ def test_a_time_in_milliseconds_is_not_blamed_on_the_velocity(log, lacking, unit
     bent = dataclasses.replace(log, time=log.time / size, dt=log.dt / size, **({lacking: None} if lacking else {}))
     found = suspicions(bent, BODY)
     assert [one.kind for one in found] == ["clock"]
-    assert f"is its time in {unit}? Then say so with --columns time=time:{unit}." in found[0].sentence
+    assert f"is its time in {unit}? Then say so with --columns time=NAME:{unit}." in found[0].sentence
 
 
 def test_a_slow_log_whose_sensors_agree_with_its_clock_is_believed(log):

@@ -202,7 +202,7 @@ def test_a_machine_that_mostly_rests(bits, bias):
         readings["velocity"] = np.concatenate([2e-3 * random.standard_normal(count), log.velocity]) + bias
     else:
         readings["position"] = np.concatenate([np.full(count, log.position[0]), log.position])
-    rested = dataclasses.replace(log, time=log.dt * np.arange(5 * len(log.time)), **readings)
+    rested = dataclasses.replace(log, time=log.dt * np.arange(5 * len(log.time)), reference=None, **readings)
     found, moving = fit_nominal(rested), fit_nominal(log)
     for name, within in (("inertia", 0.01), ("coulomb", 0.02), ("viscous", 0.05)):
         assert getattr(found, name) == pytest.approx(getattr(moving, name), rel=within)

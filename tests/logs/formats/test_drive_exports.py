@@ -223,6 +223,46 @@ def test_separators_of_thousands_and_decimals(cell, comma, value):
     assert number(cell, comma=comma) == value
 
 
+def german(columns, torque):
+    """A table with decimal commas and the cells of its torque."""
+    cells = zip(columns["time"], torque, columns["velocity"], strict=True)
+    lines = [f"{time:.3f};{{}};{speed:.6f}".replace(".", ",").format(each) for time, each, speed in cells]
+    return "Zeit [s];Drehmoment [mNm];Geschwindigkeit [rad/s]\n" + "\n".join(lines)
+
+
+def test_points_between_thousands_where_commas_are_decimals(tmp_path, columns):
+    whole = np.round(2e6 * columns["torque"])
+    (tmp_path / "log.csv").write_text(german(columns, [f"{each:,.0f}".replace(",", ".") for each in whole]))
+    log = read_log(tmp_path / "log.csv")
+    np.testing.assert_allclose(log.torque, 1e-3 * whole)
+    assert not any("point" in each for each in log.warnings)
+
+
+def test_thousands_that_first_come_below_the_head(tmp_path):
+    time, whole = 1e-3 * np.arange(900), np.arange(500, 1400)
+    columns = {"time": time, "velocity": np.sin(time)}
+    (tmp_path / "log.csv").write_text(german(columns, [f"{each:,.0f}".replace(",", ".") for each in whole]))
+    np.testing.assert_allclose(read_log(tmp_path / "log.csv").torque, 1e-3 * whole)
+
+
+def test_thousands_in_every_cell_are_said(tmp_path, columns):
+    (tmp_path / "log.csv").write_text(german(columns, ["1.234", "12.345"] * (SAMPLES // 2)))
+    with pytest.warns(FpjaxWarning, match=r"Drehmoment \[mNm\] has a point in every cell: 1\.234 was read as 1234"):
+        log = read_log(tmp_path / "log.csv")
+    assert set(log.torque) == {1.234, 12.345}
+
+
+@pytest.mark.parametrize("last", ["0.345", "1.2346", "1234", "-.5", "1.5e1"])
+@pytest.mark.parametrize("rows", [300, 900])
+def test_decimal_points_in_one_column_of_a_file_of_decimal_commas(tmp_path, last, rows):
+    time = 1e-3 * np.arange(rows)
+    columns = {"time": time, "velocity": np.sin(time)}
+    (tmp_path / "log.csv").write_text(german(columns, ["1.234", "12.345"] * (rows // 2 - 1) + ["1.234", last]))
+    with pytest.warns(FpjaxWarning, match="mixes both, and 1.234 was read as a decimal there"):
+        log = read_log(tmp_path / "log.csv")
+    np.testing.assert_allclose(log.torque[-2:], [1.234e-3, 1e-3 * float(last)])
+
+
 def test_the_cells_together_tell_what_a_comma_is():
     assert has_decimal_comma(["1,5", "2,25"], ";")
     assert has_decimal_comma(["1,5", "2,25"], ",")  # quoted

@@ -2,6 +2,7 @@
 
 import math
 import os
+import re
 import struct
 import sys
 
@@ -11,6 +12,7 @@ from log_files import DT, SAMPLES, TURN, assert_same, write_csv
 from public_records import PULSES, needs_emps
 
 from fpjax import FpjaxWarning, InputError, read_log
+from fpjax.logs.formats.csv_layout import number
 
 pytestmark = pytest.mark.filterwarnings("ignore::fpjax.errors.FpjaxWarning")  # each test asks for its own
 
@@ -72,6 +74,42 @@ def test_stamps_that_are_dates_or_times_of_day(tmp_path, form):
     log = read_log(tmp_path / "log.csv")
     assert log.dt == pytest.approx(0.01, rel=1e-6)
     assert log.time.size == 300
+
+
+FORMS = ["28.11.2026 23:59:{:06.3f}", "28.11.2026 23:59:{:06.3f} ", "11/28/2026 11:59:{:06.3f} PM", "1:59:{:06.3f} am"]
+
+
+@pytest.mark.parametrize("form", [*FORMS, "23:59:{:06.3f}:"])
+@pytest.mark.parametrize("comma", [False, True])
+def test_stamps_that_are_german_dates_or_of_a_clock_of_12_hours(tmp_path, form, comma):
+    stamps = [form.format(0.01 * k) for k in range(300)]
+    if form.endswith(":"):
+        stamps = [stamp.rstrip(":").replace(".", ":") for stamp in stamps]
+    lines = [f"{stamp};{0.5 * (k % 7)};{k % 5}" for k, stamp in enumerate(stamps)]
+    if comma:
+        lines = [re.sub(r"\.(\d{3}|\d)(?!\d)", r",\1", line) for line in lines]
+    (tmp_path / "log.csv").write_text("\n".join(["timestamp;torque;velocity", *lines]))
+    log = read_log(tmp_path / "log.csv")
+    assert log.dt == pytest.approx(0.01, rel=1e-6)
+    np.testing.assert_allclose(log.torque, 0.5 * (np.arange(300) % 7))
+
+
+@pytest.mark.parametrize(
+    ("cell", "value"),
+    [
+        ("28.11.2026 23:59:57.250", 1795910397.25),
+        ("28.11.2026 23:59:57,250", 1795910397.25),
+        ("11/28/2026 11:59:57.25 PM", 1795910397.25),
+        ("11/28/2026 12:00:01 AM", 1795824001.0),
+        ("12:00:01 pm", 43201.0),
+        ("23:59:57:250", 86397.25),
+        ("28.13.2026 23:59:57", None),
+        ("11/28/2026 23:59:57", None),  # day or month first?
+        ("13:00:00 PM", None),
+    ],
+)
+def test_moments(cell, value):
+    assert number(cell, comma=False) == number(cell, comma=True) == value
 
 
 def test_rows_that_end_with_a_semicolon_as_those_of_a_matrix(tmp_path):
@@ -305,6 +343,26 @@ def test_a_row_of_units_under_the_header(tmp_path, columns):
     assert log.dt == pytest.approx(DT)
     np.testing.assert_allclose(log.torque, 1e-3 * columns["torque"], atol=1e-9)
     np.testing.assert_allclose(log.position, TURN / 360 * columns["position"], atol=1e-9)
+
+
+@pytest.mark.parametrize("above", ["s;mNm;1/min;grad", "[s];[mNm];[1/min];[°]", "Prüfstand 3\n# s;mNm;1/min;grad"])
+def test_a_row_of_units_above_the_header(tmp_path, columns, above):
+    (tmp_path / "log.csv").write_text(above + "\n" + text_of(columns, ";"))
+    log = read_log(tmp_path / "log.csv")
+    np.testing.assert_allclose(log.torque, 1e-3 * columns["torque"], atol=1e-9)
+    np.testing.assert_allclose(log.position, TURN / 360 * columns["position"], atol=1e-9)
+
+
+@pytest.mark.parametrize("above", ["rig 3;A;V;mm", "t;mNm;v;q", "mNm;;;", "s;mNm;1/min", "time;torque;velocity;s"])
+def test_a_row_above_the_header_that_is_not_all_units_gives_none(tmp_path, columns, above):
+    (tmp_path / "log.csv").write_text(above + "\n" + text_of(columns, ";"))
+    np.testing.assert_allclose(read_log(tmp_path / "log.csv").torque, columns["torque"], atol=1e-9)
+
+
+def test_units_in_the_names_prevail_over_a_row_above(tmp_path, columns):
+    text = text_of(columns, ";").replace("torque", "torque [Nm]", 1)
+    (tmp_path / "log.csv").write_text("s;mNm;1/min;grad\n" + text)
+    np.testing.assert_allclose(read_log(tmp_path / "log.csv").torque, columns["torque"], atol=1e-9)
 
 
 def test_a_row_of_units_in_brackets_with_a_number_sign(tmp_path, columns):

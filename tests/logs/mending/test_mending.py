@@ -7,6 +7,7 @@ import pytest
 from log_files import DT, SAMPLES, damaged, write_csv
 
 from fpjax import FpjaxWarning, InputError, read_log
+from fpjax.logs.mending.clock import in_order
 
 pytestmark = pytest.mark.filterwarnings("ignore::fpjax.errors.FpjaxWarning")  # each test asks for its own
 
@@ -106,6 +107,52 @@ def test_stamps_coarser_than_the_rows_are_spread():
     assert "coarser than its rows" in log.warnings[0]
 
 
+@pytest.mark.parametrize("first", [1795800.0, 1795799.2, 1795798.9])
+def test_two_or_three_different_stamps_tell_no_period(first):
+    true = first + 1e-3 * np.arange(2000)
+    data = {"time": np.floor(true), "torque": np.sin(true), "velocity": np.cos(9 * true)}
+    with pytest.raises(InputError, match=r"only [23] different values in 2000 rows .* with --rate") as caught:
+        read_log(data)
+    assert str(caught.value).endswith(".")
+    log = read_log(data, dt=1e-3)
+    assert len(log) == 2000
+    assert log.dt == 1e-3
+    np.testing.assert_array_equal(log.velocity, data["velocity"])
+
+
+def test_a_few_seconds_of_stamps_of_whole_seconds_tell_the_period_where_they_agree():
+    true = 0.5 + 1e-3 * np.arange(3800)
+    log = read_log({"time": np.floor(true), "torque": np.sin(true), "velocity": np.cos(9 * true)})
+    assert log.dt == pytest.approx(1e-3, rel=1e-3)
+
+
+def test_spread_stamps_do_not_run_backwards():
+    stamps = np.concatenate([np.zeros(60), np.repeat(np.arange(1.0, 10.0), 10)])
+    time = in_order(stamps, "log", 1, []).time
+    assert (np.diff(time) > 0).all()
+
+
+@pytest.mark.parametrize("since", [46354.5, 740316.5])
+def test_stamps_in_days_are_asked_about(columns, since):
+    data = columns | {"time": since + columns["time"] / 86400}
+    with pytest.warns(FpjaxWarning, match=r"do they count days\? Then say so with --columns time=NAME\*86400\.$"):
+        read_log(data)
+    log = read_log(data, columns={"time": "time*86400"})
+    assert log.dt == pytest.approx(DT, rel=1e-3)
+    assert not any("days" in each for each in log.warnings)
+
+
+def test_days_of_a_fast_drive_are_refused_with_their_unit(columns):
+    with pytest.raises(InputError, match=r"--columns time=NAME\*86400 for days\.$"):
+        read_log(columns | {"time": 46354.5 + columns["time"] / 50 / 86400})
+
+
+@pytest.mark.parametrize("since", [0.0, 46354.5, 1.7e9])
+def test_stamps_in_seconds_are_no_days(columns, since):
+    log = read_log(columns | {"time": since + columns["time"]})
+    assert not any("days" in each for each in log.warnings)
+
+
 def test_rows_that_came_late_are_put_in_order(columns):
     order = np.arange(SAMPLES)
     order[50:52] = [51, 50]
@@ -154,6 +201,24 @@ def test_one_number_that_no_sensor_gives_is_left_out_and_said(columns, name, val
     with pytest.warns(FpjaxWarning, match=f"{name} reads .* in row 100, which no sensor gives"):
         log = read_log(columns)
     assert np.max(np.abs(getattr(log, name))) <= 1.0
+
+
+@pytest.mark.parametrize("name", ["torque", "velocity", "position"])
+@pytest.mark.parametrize("mark", [-9999.0, 999.0, 32767.0])
+def test_a_number_that_marks_what_was_not_read_is_said(columns, name, mark):
+    columns[name][7::67] = mark
+    with pytest.warns(FpjaxWarning, match=rf"{name} is {mark:g} \(in SI units\) in 3 rows \(first in row 7\)"):
+        log = read_log(columns)
+    np.testing.assert_array_equal(getattr(log, name)[7::67], mark)
+
+
+def test_a_saturated_sensor_two_far_readings_and_steps_mark_nothing(columns):
+    saturated, twice, steps = ({key: each.copy() for key, each in columns.items()} for _ in range(3))
+    saturated["velocity"] = np.clip(saturated["velocity"], -0.5, 0.5)
+    twice["velocity"][[50, 90]] = 999.0
+    steps["torque"] = np.where(np.arange(SAMPLES) % 50 < 5, 20.0, np.sign(steps["torque"]))
+    for data in (saturated, twice, steps):
+        assert not any("no reading" in each for each in read_log(data).warnings)
 
 
 def test_a_column_of_absurd_numbers_is_refused(columns):
