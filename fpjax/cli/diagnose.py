@@ -68,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
     with running_jax(arguments) as record:
         model = open_model(arguments.model, [], record)
         record.stage("read")
-        logs, hashes, refused = _read(model, record, arguments)
+        logs, hashes, refused, unread = _read(model, record, arguments)
         holdout = [read_measured(path, model, arguments, record, role="holdout") for path in arguments.holdout]
         assert record.folder is not None
         if not arguments.each:
@@ -78,19 +78,22 @@ def run(arguments: argparse.Namespace) -> int:
             )
             _one(model, logs, holdout, record.folder, record, arguments)
         else:
-            names = folder_names([log.name for log in logs])
-            bar, begun = None, 0
+            # Named by all the files, so that one which is mended later gets a folder of its own.
+            every = folder_names([pathlib.Path(path).name for path in arguments.logs])
+            names = [name for place, name in enumerate(every) if place not in unread]
+            gone = [every[place] for place in sorted(unread)]
+            bar, begun, done = None, 0, 0
             for place, (log, name) in enumerate(zip(logs, names, strict=True)):
                 arguments.kept = (
-                    f"{place} of {len(logs)} logs are diagnosed in {record.folder}; add --resume to the same command "
+                    f"{done} of {len(every)} logs are diagnosed in {record.folder}; add --resume to the same command "
                     "to go on"
                 )
                 key, finished = _key(hashes[place], record, arguments), record.folder / name / FINISHED
                 if arguments.resume and _is_finished(finished, key):
                     say(record, f"{log.name} was diagnosed before, in {record.folder / name}")
                     record.path(f"{name}/{DIAGNOSIS}")
+                    done += 1
                     continue
-                finished.unlink(missing_ok=True)
                 # Logs skipped at the beginning took no time, so progress counts from the first one that is diagnosed.
                 begun = place if bar is None else begun
                 bar = Stages("diagnose", after=bar)
@@ -101,14 +104,18 @@ def run(arguments: argparse.Namespace) -> int:
                 try:
                     _one(model, [log], holdout, record.folder / name, record, arguments, bar, part)
                 except InputError as error:
+                    if len(every) == 1:
+                        raise
                     refused.append(str(error) if log.name in str(error) else f"{log.name}: {error}")
-                    for left in (DIAGNOSIS, "report.html", "corrected.toml"):
-                        record.without(f"{name}/{left}")
+                    say(record, refused[-1])
+                    gone.append(name)
                     continue
+                done += 1
                 write_json(finished, {"key": key, "diagnosis": _digest(finished.with_name(DIAGNOSIS))})
-            if len(refused) == len(arguments.logs):
-                raise InputError(f"None of {len(refused)} logs can be diagnosed. {' '.join(refused)}")
-            record.notes += refused
+            if len(refused) == len(every):  # a mistake of all: what an earlier run left stays
+                raise InputError(f"None of {len(every)} logs can be diagnosed. {' '.join(dict.fromkeys(refused))}")
+            for name in gone:
+                _forget(name, record)
         arguments.kept = ""
         finish(record)
     if refused:  # after the others' results were finished: they are whole
@@ -116,19 +123,34 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _read(model: "Model", record: RunFile, arguments: argparse.Namespace) -> tuple[list["Log"], list[str], list[str]]:
-    """(the logs, the SHA-256 of their files, with `--each` what those that cannot be read are refused for)."""
-    logs, hashes, refused = [], [], []
-    for path in arguments.logs:
+def _read(
+    model: "Model", record: RunFile, arguments: argparse.Namespace
+) -> tuple[list["Log"], list[str], list[str], set[int]]:
+    """(the logs, the SHA-256 of their files; with `--each` why some cannot be read, and their places)."""
+    logs: list[Log] = []
+    hashes, refused, gone = list[str](), list[str](), set[int]()
+    for place, path in enumerate(arguments.logs):
         try:
             logs.append(read_measured(path, model, arguments, record))
         except InputError as error:
             if not arguments.each or len(arguments.logs) == 1:
                 raise
             refused.append(str(error))  # the logs of other machines are none the worse for it
+            say(record, refused[-1])
+            gone.add(place)
             continue
         hashes.append([entry["sha256"] for entry in record.inputs if entry["role"] == "log"][-1])
-    return logs, hashes, refused
+    return logs, hashes, refused, gone
+
+
+def _forget(name: str, record: RunFile) -> None:
+    """Take away what an earlier run left for a log of which this one has no diagnosis."""
+    from ..gap.report.html import PICTURES
+
+    assert record.folder is not None
+    (record.folder / name / FINISHED).unlink(missing_ok=True)
+    for left in (DIAGNOSIS, "corrected.toml", "learned.toml", "posterior.npz", "report.html", *PICTURES):
+        record.without(f"{name}/{left}")
 
 
 def _key(own: str, record: RunFile, arguments: argparse.Namespace) -> str:

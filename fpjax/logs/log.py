@@ -18,6 +18,14 @@ OTHER_PERIOD = 0.01  # relative deviation of the times' steps from dt, above whi
 ROUNDING = 1e-9  # of its size: a reference that changes by no more was constant before it was resampled
 
 
+def _numbers(values: Any, name: str, log: str) -> Values:
+    """A list as an array of float64."""
+    try:
+        return np.asarray(values, float)
+    except (TypeError, ValueError):
+        raise InputError(f"{log}: {name} must be numbers, one for each time.") from None
+
+
 @dataclass(frozen=True)
 class Log(Drawable):
     """A recorded run of one machine: float64, SI units, one row per control period.
@@ -77,21 +85,22 @@ class Log(Drawable):
             values = getattr(self, name)
             if values is None:
                 continue
-            if not isinstance(values, np.ndarray):
-                object.__setattr__(self, name, values := np.asarray(values, float))
+            if isinstance(values, (list, tuple)):
+                object.__setattr__(self, name, values := _numbers(values, name, self.name))
             if values.shape != np.shape(self.time)[:1]:
                 raise InputError(
                     f"{self.name}: {name} has the shape {values.shape} and time {np.shape(self.time)}: every column of "
                     f"a Log needs one number for each time."
                 )
-        if not (np.isfinite(self.dt) and self.dt > 0.0):
+        if not isinstance(self.dt, (int, float, np.number)) or not 0.0 < self.dt < np.inf:
             raise InputError(f"{self.name}: dt must be a positive time in s, got {self.dt!r}.")
         if len(self.time) < 2:
             return
         # Either may be right: of a time in single precision the mean, of one with a break the median.
         steps = np.diff(np.asarray(self.time, float))
         step = float(np.median(steps))
-        if min(abs(each / self.dt - 1.0) for each in (step, float(np.mean(steps)))) > OTHER_PERIOD:
+        usual = float(np.mean(steps[steps <= 2.0 * step])) if step > 0.0 else step
+        if not min(abs(each / self.dt - 1.0) for each in (step, usual)) <= OTHER_PERIOD:
             raise InputError(
                 f"{self.name}: its times are {step:.6g} s apart, but its dt is {self.dt:.6g} s: give the control "
                 f"period that the times have, or let fpjax.read_log take the columns."

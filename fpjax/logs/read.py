@@ -29,6 +29,7 @@ from .columns.units import find_unit
 from .formats.table import RawTable, Request, from_arrays, read_table
 from .log import Log, NamedArrays
 from .mending.clock import SHORTEST, since_1970
+from .mending.doubt import Doubt
 from .mending.measured_torque import constant_ratio, following, related
 from .mending.resample import Uniform, every
 from .mending.stretches import Stretch, stretches
@@ -128,8 +129,9 @@ def read_log(
     del table
     # notes so far are on how the file was understood; those of a stretch are changes, which `strict` refuses
     parts = stretches(found, extra, name, first_row, (begin, end), dt, bool(kind))
-    if strict and parts[0].notes:
-        raise InputError(f"{parts[0].notes[0]} (strict: the log is refused for it.)")
+    changes = [note for note in parts[0].notes if not isinstance(note, Doubt)]
+    if strict and changes:
+        raise InputError(f"{changes[0]} (strict: the log is refused for it.)")
     left = parts[0].uniform.time.size // take_every
     if left < SHORTEST:
         raise InputError(f"--every {take_every} leaves {left} rows of {name}: at least {SHORTEST} are needed.")

@@ -333,7 +333,7 @@ def test_each_leaves_out_the_logs_that_cannot_be_diagnosed(made, three, quick, t
     def refuse():
         raise InputError("run.txt has no motion: record one with some.")
 
-    before[2] = refuse
+    before[2] = before[4] = before[5] = refuse
     out, short = tmp_path / "why", tmp_path / "short.csv"
     short.write_text("time,torque,velocity\n0,1,2\n0.001,1,2\n")
     options = ["--each", "--model", str(made / "nominal.toml"), "--out", str(out), "--no-report", "--no-cache"]
@@ -347,8 +347,16 @@ def test_each_leaves_out_the_logs_that_cannot_be_diagnosed(made, three, quick, t
     assert asked == [["run.csv"], ["run.txt"], ["last.csv"]]
     assert main([*words, "--resume"]) == 2
     assert asked[3:] == [["run.txt"]]
+    # A mistake that all logs share takes no earlier result away.
     assert main(["diagnose", str(short), str(short), *options]) == 2
     assert "None of 2 logs can be diagnosed" in capsys.readouterr().err
+    assert (out / "run-1" / "diagnosis.json").exists()
+    # What can no longer be diagnosed leaves none that would pass for its own.
+    Path(three[0]).write_text(short.read_text())
+    assert main([*words, "--resume"]) == 2
+    assert not (out / "run-1" / "diagnosis.json").exists()
+    assert not (out / "run-1" / "finished.json").exists()
+    assert (out / "last" / "diagnosis.json").exists()
 
 
 def test_an_interrupted_diagnosis_leaves_a_marked_folder_and_says_how_to_go_on(made, quick, tmp_path, capsys):

@@ -71,8 +71,9 @@ def write_report(diagnosis: Answer, out_dir: str | Path) -> Path:
         }
         for picture in pictures:
             write_whole(folder / f"{picture.name}.png", to_png(picture.wide))
-        for name in set(PICTURES) - {"overview.png", *(f"{picture.name}.png" for picture in pictures)}:
-            (folder / name).unlink(missing_ok=True)
+        if (folder / "report.html").exists():  # pictures of these names are then of that report
+            for name in set(PICTURES) - {"overview.png", *(f"{picture.name}.png" for picture in pictures)}:
+                (folder / name).unlink(missing_ok=True)
         write_whole(folder / "report.html", to_page(diagnosis, drawn))
     except OSError as error:
         raise InputError(

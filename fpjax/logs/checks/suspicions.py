@@ -274,8 +274,9 @@ def _position_against_velocity(log: Log, columns: dict[str, Values]) -> Iterator
         return
     if unit == "rad" and (pair := pair_of(abs(ratio))):
         yield Suspicion(
-            f"velocity is {abs(ratio):.3g} x the rate of change of position, as {pair[0]} are beside {pair[1]}: give "
-            f"both units, such as --columns velocity=NAME:{pair[0]},position=NAME:{pair[1]}.",
+            f"velocity is {abs(ratio):.3g} x the rate of change of position, as {pair[0]} are beside {pair[1]}: unless "
+            f"a gear lies between them give both units, such as --columns "
+            f"velocity=NAME:{pair[0]},position=NAME:{pair[1]}.",
             "warn",
             "unit",
         )

@@ -137,7 +137,8 @@ def _read(stream: Iterator[str], path: pathlib.Path, layout: Layout, request: Re
                 f"{path.name} is not a table: {found.first_broken}, and so do {found.broken} of {total} rows."
             )
         warnings.append(f"{path.name}: {found.broken} of {total} rows were dropped ({found.first_broken}).")
-    warnings += cells.about_points(path.name, found.rows)
+    cells.decide(found.rows)
+    warnings += cells.about_points(path.name)
     columns: dict[str, np.ndarray] = {}
     text: dict[str, str] = {}
     for place, index in enumerate(chosen):
@@ -258,18 +259,27 @@ class _Cells:
             raise _DecimalPointError(index)
         return value if whole is None or index in self.pointed else whole
 
-    def about_points(self, name: str, rows: int) -> list[str]:
-        """A sentence for each column of a file of decimal commas in which points may be either.
+    def decide(self, rows: int) -> None:
+        """A point in every cell is likelier a decimal one, of three decimals, than that no cell is below 1000.
 
         Args:
-            name: of the file.
             rows: that were read.
+
+        Raises:
+            _DecimalPointError: for a column that was read as integers in groups.
         """
-        found = []
         for index, count in self.grouped.items():
+            if count == rows and index not in self.layout.pointed:
+                raise _DecimalPointError(index)
+
+    def about_points(self, name: str) -> list[str]:
+        """A sentence for each column of a file of decimal commas in which points may be either."""
+        found = []
+        for index in self.grouped:
             column = f"{name}: commas are its decimals, and column {self.layout.names[index]}"
             if index in self.pointed:
-                found.append(f"{column} has decimal points: it mixes both, and 1.234 was read as a decimal there.")
-            elif count == rows:
-                found.append(f"{column} has a point in every cell: 1.234 was read as 1234 there.")
+                found.append(
+                    f"{column} has decimal points: it mixes both, and 1.234 was read as a decimal there. If it is "
+                    f"1234, say so with NAME*1000 in --columns."
+                )
         return found

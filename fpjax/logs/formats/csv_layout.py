@@ -130,8 +130,8 @@ def has_decimal_comma(cells: Iterable[str], separator: str | None) -> bool:
 
 # 28.11.2026 23:59:57.000, 11/28/2026 11:59:57 PM, 23:59:57:000
 _MOMENT = re.compile(
-    r"(?:(?P<day>\d{1,2})\.(?P<month>\d{1,2})\.(?P<year>\d{4}),? +"
-    r"|(?P<us_month>\d{1,2})/(?P<us_day>\d{1,2})/(?P<us_year>\d{4}),? +(?=.*[ap]m$))?"
+    r"(?:(?P<day>\d{1,2})\.(?P<month>\d{1,2})\.(?P<year>\d{4})[.,]? +"
+    r"|(?P<us_month>\d{1,2})/(?P<us_day>\d{1,2})/(?P<us_year>\d{4})[.,]? +(?=.*[ap]m$))?"
     r"(?P<hour>\d{1,2}):(?P<minute>\d{2}):(?P<second>\d{2})(?P<rest>\.\d+|:\d{3})?(?: ?(?P<half>[ap])m)?",
     re.IGNORECASE,
 )
@@ -142,7 +142,7 @@ def _clock(cell: str) -> float | None:
 
     Dates may also be German ones (day.month.year) or those of a clock of 12 hours (month/day/year and AM or PM).
     """
-    text = cell.strip().strip('"').replace(",", ".")
+    text = re.sub("[\u00a0\u202f]", " ", cell.strip().strip('"').replace(",", "."))
     try:
         if found := _MOMENT.fullmatch(text):
             return _seconds(found)

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...errors import InputError
+from .doubt import Doubt
 
 SHORTEST = 20  # [rows]
 JITTER_WARNED, JITTER_ALLOWED = 0.01, 0.25  # of a period
@@ -26,7 +27,8 @@ PARTS = 64  # of a log with breaks that are looked at: a wrong time column has m
 LATE = 5  # [rows] by which a row may have been written late
 COARSE = 0.2  # share of repeated stamps, from which on the clock is coarse and the rows are not repeated
 SURE_GROUPS, ALIKE_GROUPS = 5, 2  # groups of rows of one stamp that tell the period; so few where all are as long
-ALIKE = 0.05  # relative deviation of their periods
+ALIKE = 0.05  # relative deviation of their periods, or of their steps where they have as many rows, but for one
+LEAST_ROWS = 5  # of such a group
 SHORTEST_PERIOD, LONGEST_PERIOD = 1e-8, 1e4  # [s]
 LATEST = 1e13  # [s]: beyond it a float64 does not resolve a millisecond
 MOST_FILLED = LONGEST_FILLED + 2  # [periods per row]: a finer grid would consist of invented samples
@@ -142,8 +144,10 @@ def in_order(time: np.ndarray, name: str, first_row: int, notes: list[str], dt: 
         raise InputError(f"{name}: time is {time[0]:g} s in every row, so there is no clock: check the time column.")
     if _in_days(time):
         notes.append(
-            f"{name}: its stamps begin at {time[0]:.10g} and are {np.median(np.diff(time)):.3g} apart, which is no "
-            f"control period in s: do they count days? Then say so with --columns time=NAME*86400."
+            Doubt(
+                f"{name}: its stamps begin at {time[0]:.10g} and are {np.median(np.diff(time)):.3g} apart, which is no "
+                f"control period in s: do they count days? Then say so with --columns time=NAME*86400."
+            )
         )
     return Rows(chosen, time, left)
 
@@ -195,17 +199,23 @@ def _spread(time: np.ndarray, name: str, dt: float | None) -> np.ndarray:
     rate = ahead / size
     # the first and the last group may be cut, so they are spread by the period that the others have
     inner = rate[1:-1]
+    within = np.arange(time.size) - np.repeat(first, size)
+    if dt is not None:
+        # Rows lie dt apart, up to the next stamp; the first ones, which may be cut, just before it. A pause stays one.
+        rate = np.minimum(dt, rate)
+        stamps[0] = max(stamps[0], stamps[1] - size[0] * rate[0])
+        return np.repeat(stamps, size) + within * np.repeat(rate, size)
+    # groups of a whole number of rows, whose stamps lie as far apart
+    whole = inner.size >= ALIKE_GROUPS and np.ptp(size[1:-1]) <= 1 and np.min(size[1:-1]) >= LEAST_ROWS
+    whole = whole and np.ptp(ahead[1:-1]) <= ALIKE * np.median(ahead[1:-1])
     alike = inner.size >= ALIKE_GROUPS and np.ptp(inner) <= ALIKE * np.median(inner)
-    if inner.size < SURE_GROUPS and not alike:
-        if dt is not None:
-            return time[0] + dt * np.arange(time.size)
+    if inner.size < SURE_GROUPS and not (alike or whole):
         raise InputError(
             f"{name}: time has only {first.size} different values in {time.size} rows ({stamps[0]:.10g} to "
             f"{stamps[-1]:.10g} s), too few to tell how far apart its rows are: export it with more digits, or give "
             f"the rows per second with --rate (in Python dt=, the seconds between two rows)."
         )
-    period = np.median(rate)
-    within = np.arange(time.size) - np.repeat(first, size)
+    period = np.median(inner)
     rate[0], rate[-1] = min(period, rate[0]), period  # and never beyond the next stamp
     return np.repeat(stamps, size) + within * np.repeat(rate, size)
 

@@ -5,6 +5,7 @@ import numpy as np
 from ...errors import InputError
 from ..arrays import runs_of
 from .clock import LONGEST_FILLED
+from .doubt import Doubt
 
 LARGEST = 1e30  # [SI units]: no torque, speed or angle of a machine is near it
 SMALLEST = 1e-60  # [SI units]: products of such values underflow to zero
@@ -76,10 +77,13 @@ def _marked(values: np.ndarray, column: str, name: str, first_row: int) -> list[
     steps = np.unique(others[:: max(1, others.size // 1000)]).size <= FEW_OTHERS
     if steps or not abs(mark) > MARKED * largest > 0.0:
         return []
+    first = np.argmax(marked) + first_row
     return [
-        f"{name}: {column} is {mark:.6g} (in SI units) in {count} rows (first in row {np.argmax(marked) + first_row}) "
-        f"and at most {largest:.3g} elsewhere: a drive writes such a number where it has no reading; if so, leave "
-        "those cells empty."
+        Doubt(
+            f"{name}: {column} is {mark:.6g} (in SI units) in {count} rows (first in row {first})"
+            f" and at most {largest:.3g} elsewhere: is it a drive's mark for no reading, a limit or a step? "
+            "Where it is a mark, leave those cells empty."
+        )
     ]
 
 

@@ -245,11 +245,11 @@ def test_thousands_that_first_come_below_the_head(tmp_path):
     np.testing.assert_allclose(read_log(tmp_path / "log.csv").torque, 1e-3 * whole)
 
 
-def test_thousands_in_every_cell_are_said(tmp_path, columns):
+def test_three_decimals_in_every_cell_are_decimals(tmp_path, columns):
     (tmp_path / "log.csv").write_text(german(columns, ["1.234", "12.345"] * (SAMPLES // 2)))
-    with pytest.warns(FpjaxWarning, match=r"Drehmoment \[mNm\] has a point in every cell: 1\.234 was read as 1234"):
+    with pytest.warns(FpjaxWarning, match=r"\[mNm\] has decimal points: .* 1\.234 was read as a decimal there"):
         log = read_log(tmp_path / "log.csv")
-    assert set(log.torque) == {1.234, 12.345}
+    assert set(log.torque) == {1.234e-3, 12.345e-3}
 
 
 @pytest.mark.parametrize("last", ["0.345", "1.2346", "1234", "-.5", "1.5e1"])

@@ -120,6 +120,20 @@ def test_two_or_three_different_stamps_tell_no_period(first):
     np.testing.assert_array_equal(log.velocity, data["velocity"])
 
 
+def test_a_known_period_leaves_a_pause_between_coarse_stamps():
+    stamps = np.repeat([0.0, 1.0, 60.0, 61.0], 100)
+    data = {"time": stamps, "torque": np.sin(9.0 * np.arange(400)), "velocity": np.cos(7.0 * np.arange(400))}
+    log = read_log(data, dt=0.01)
+    assert len(log) == 200
+    assert any("59" in each or "58" in each for each in log.warnings)
+
+
+def test_what_is_noticed_and_not_changed_is_not_refused_by_strict(columns):
+    columns["torque"][7::67] = 9999.0
+    log = read_log(columns, strict=True)
+    assert any("mark for no reading" in each for each in log.warnings)
+
+
 def test_a_few_seconds_of_stamps_of_whole_seconds_tell_the_period_where_they_agree():
     true = 0.5 + 1e-3 * np.arange(3800)
     log = read_log({"time": np.floor(true), "torque": np.sin(true), "velocity": np.cos(9 * true)})
