@@ -155,7 +155,7 @@ def in_order(time: np.ndarray, name: str, first_row: int, notes: list[str], dt: 
 def _in_days(time: np.ndarray) -> bool:
     """Whether stamps are those of a control period if they count days, as Excel and MATLAB do."""
     step = float(np.median(np.diff(time))) if time.size > 1 else 0.0
-    return DAYS[0] <= time[0] <= DAYS[1] and USUAL[0] <= step * DAY <= USUAL[1]
+    return bool(DAYS[0] <= time[0] <= DAYS[1] and USUAL[0] <= step * DAY <= USUAL[1])
 
 
 def likely_unit(period: float) -> str | None:
