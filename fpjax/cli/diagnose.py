@@ -68,88 +68,109 @@ def run(arguments: argparse.Namespace) -> int:
     with running_jax(arguments) as record:
         model = open_model(arguments.model, [], record)
         record.stage("read")
-        logs, hashes, refused, unread = _read(model, record, arguments)
+        logs, refused = _read(model, record, arguments)
         holdout = [read_measured(path, model, arguments, record, role="holdout") for path in arguments.holdout]
         assert record.folder is not None
-        if not arguments.each:
+        if arguments.each:
+            _each(model, logs, holdout, refused, record, arguments)
+        else:
             arguments.kept = (
                 f"what is fitted so far is kept in {record.folder}, and the same command goes on from there"
                 f"{_earlier(record.folder)}"
             )
-            _one(model, logs, holdout, record.folder, record, arguments)
-        else:
-            # Named by all the files, so that one which is mended later gets a folder of its own.
-            every = folder_names([pathlib.Path(path).name for path in arguments.logs])
-            names = [name for place, name in enumerate(every) if place not in unread]
-            gone = [every[place] for place in sorted(unread)]
-            bar, begun, done = None, 0, 0
-            for place, (log, name) in enumerate(zip(logs, names, strict=True)):
-                arguments.kept = (
-                    f"{done} of {len(every)} logs are diagnosed in {record.folder}; add --resume to the same command "
-                    "to go on"
-                )
-                key, finished = _key(hashes[place], record, arguments), record.folder / name / FINISHED
-                if arguments.resume and _is_finished(finished, key):
-                    say(record, f"{log.name} was diagnosed before, in {record.folder / name}")
-                    record.path(f"{name}/{DIAGNOSIS}")
-                    done += 1
-                    continue
-                # Logs skipped at the beginning took no time, so progress counts from the first one that is diagnosed.
-                begun = place if bar is None else begun
-                bar = Stages("diagnose", after=bar)
-                part = (place - begun, len(logs) - begun)
-                if place:
-                    print()
-                print(f"{log.name}, in {record.folder / name}:", flush=True)
-                try:
-                    _one(model, [log], holdout, record.folder / name, record, arguments, bar, part)
-                except InputError as error:
-                    if len(every) == 1:
-                        raise
-                    refused.append(str(error) if log.name in str(error) else f"{log.name}: {error}")
-                    say(record, refused[-1])
-                    gone.append(name)
-                    continue
-                done += 1
-                write_json(finished, {"key": key, "diagnosis": _digest(finished.with_name(DIAGNOSIS))})
-            if len(refused) == len(every):  # a mistake of all: what an earlier run left stays
-                raise InputError(f"None of {len(every)} logs can be diagnosed. {' '.join(dict.fromkeys(refused))}")
-            for name in gone:
-                _forget(name, record)
+            _one(model, [read.log for read in logs], holdout, record.folder, record, arguments)
         arguments.kept = ""
         finish(record)
     if refused:  # after the others' results were finished: they are whole
-        raise InputError(f"{len(refused)} of {len(arguments.logs)} logs cannot be diagnosed. {' '.join(refused)}")
+        said = " ".join(refused.values())
+        raise InputError(f"{len(refused)} of {len(arguments.logs)} logs cannot be diagnosed. {said}")
     return 0
 
 
-def _read(
-    model: "Model", record: RunFile, arguments: argparse.Namespace
-) -> tuple[list["Log"], list[str], list[str], set[int]]:
-    """(the logs, the SHA-256 of their files; with `--each` why some cannot be read, and their places)."""
-    logs: list[Log] = []
-    hashes, refused, gone = list[str](), list[str](), set[int]()
+@dataclasses.dataclass(frozen=True)
+class _Read:
+    """A log, its place in the command, and the SHA-256 of its file."""
+
+    log: "Log"
+    place: int
+    sha256: str
+
+
+def _read(model: "Model", record: RunFile, arguments: argparse.Namespace) -> tuple[list[_Read], dict[int, str]]:
+    """(the logs; with `--each`, by place in the command, why others cannot be read)."""
+    logs, refused = list[_Read](), dict[int, str]()
     for place, path in enumerate(arguments.logs):
         try:
-            logs.append(read_measured(path, model, arguments, record))
+            log = read_measured(path, model, arguments, record)
         except InputError as error:
             if not arguments.each or len(arguments.logs) == 1:
                 raise
-            refused.append(str(error))  # the logs of other machines are none the worse for it
-            say(record, refused[-1])
-            gone.add(place)
+            refused[place] = str(error)  # the logs of other machines are none the worse for it
+            say(record, refused[place])
             continue
-        hashes.append([entry["sha256"] for entry in record.inputs if entry["role"] == "log"][-1])
-    return logs, hashes, refused, gone
+        own = [entry["sha256"] for entry in record.inputs if entry["role"] == "log"]
+        logs.append(_Read(log, place, own[-1]))
+    return logs, refused
+
+
+def _each(
+    model: "Model",
+    logs: list[_Read],
+    holdout: "list[Log]",
+    refused: dict[int, str],
+    record: RunFile,
+    arguments: argparse.Namespace,
+) -> None:
+    """Diagnose each log in a folder of its own; `refused` gains, by place in the command, why one cannot be.
+
+    Raises:
+        InputError: where none can be; what an earlier run left stays then.
+    """
+    assert record.folder is not None
+    # Named by all the files, so that one which is mended later gets a folder of its own.
+    folders = [record.folder / name for name in folder_names([pathlib.Path(path).name for path in arguments.logs])]
+    bar, begun, done = None, 0, 0
+    for index, read in enumerate(logs):
+        folder, name = folders[read.place], read.log.name
+        arguments.kept = (
+            f"{done} of {len(folders)} logs are diagnosed in {record.folder}; add --resume to the same command to go on"
+        )
+        key, finished = _key(read.sha256, record, arguments), folder / FINISHED
+        if arguments.resume and _is_finished(finished, key):
+            say(record, f"{name} was diagnosed before, in {folder}")
+            record.path(f"{folder.name}/{DIAGNOSIS}")
+            done += 1
+            continue
+        # Logs skipped at the beginning took no time, so progress counts from the first one that is diagnosed.
+        begun = index if bar is None else begun
+        bar = Stages("diagnose", after=bar)
+        if index:
+            print()
+        print(f"{name}, in {folder}:", flush=True)
+        try:
+            _one(model, [read.log], holdout, folder, record, arguments, bar, (index - begun, len(logs) - begun))
+        except InputError as error:
+            if len(folders) == 1:
+                raise
+            refused[read.place] = str(error) if name in str(error) else f"{name}: {error}"
+            say(record, refused[read.place])
+            continue
+        done += 1
+        write_json(finished, {"key": key, "diagnosis": _digest(finished.with_name(DIAGNOSIS))})
+    if not done:
+        said = " ".join(dict.fromkeys(refused.values()))  # a mistake of all is said once
+        raise InputError(f"None of {len(folders)} logs can be diagnosed. {said}")
+    for place in refused:
+        _forget(folders[place].name, record)
 
 
 def _forget(name: str, record: RunFile) -> None:
     """Take away what an earlier run left for a log of which this one has no diagnosis."""
-    from ..gap.report.html import PICTURES
+    from ..gap.answer.files import RESULTS
 
     assert record.folder is not None
     (record.folder / name / FINISHED).unlink(missing_ok=True)
-    for left in (DIAGNOSIS, "corrected.toml", "learned.toml", "posterior.npz", "report.html", *PICTURES):
+    for left in RESULTS:
         record.without(f"{name}/{left}")
 
 
@@ -190,8 +211,8 @@ def _one(
 ) -> None:
     """Diagnose and write the results; `part` is (index, number) of this diagnosis among several that share the bar."""
     from ..gap import diagnose
+    from ..gap.answer.files import PICTURES
     from ..gap.fit.saved_fits import NAME, SavedFits
-    from ..gap.report.html import PICTURES
 
     record.stage("diagnose")
     prefix = "" if folder == record.folder else f"{folder.name}/"

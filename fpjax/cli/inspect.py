@@ -166,10 +166,10 @@ def _aside(path: pathlib.Path) -> pathlib.Path:
 
 
 def _keep_aside(path: pathlib.Path, record: RunFile) -> None:
-    """Rename a file that is no result of this run, and say so."""
+    """Rename a model that is not this run's, and say so."""
     kept = _aside(path)
     os.replace(path, kept)
-    say(record, f"{path} was there with other content, perhaps yours: it is kept as {kept.name}.")
+    say(record, f"{path} was there, of another log or yours: it is kept as {kept.name}.")
 
 
 def _digits(value: float) -> float:

@@ -145,7 +145,8 @@ class Stored:
             # A library's functions are made known while a program is lowered: without that a call ends the process.
             if "custom-call" not in compiled.as_text():
                 packed = zlib.compress(pickle.dumps(serialize_executable.serialize(compiled)), 1)
-                # Called once: one that lacks a function is loaded without a word, and fails in every process to come.
+                # Called once: where the function ran before from jax's own cache, this is that program, which lacks
+                # its functions. It is loaded without a word, and would fail in every process to come.
                 jax.block_until_ready(_loaded(packed, device)(*arguments))
                 _write(path, packed)
         return compiled

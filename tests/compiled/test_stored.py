@@ -32,6 +32,28 @@ print(*(float(value) for value in [*many[0], *many[1], *total]))
 """
 
 
+# The same after a call that jax's own cache serves.
+BEFORE = """
+import sys, jax, jax.numpy as jnp, pathlib
+from fpjax.compiled.stored import Stored, store_in
+jax.config.update("jax_compilation_cache_dir", sys.argv[1] + "/jax")
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+
+def walk(x):
+    def body(carry, k):
+        return jnp.tanh(carry * 1.1 + jnp.arange(50.0) @ carry), jnp.max(carry) + k
+    return jax.lax.scan(body, x, jnp.arange(20.0))[1][-1]
+
+stored = Stored(jax.jit(walk), "walk")
+if sys.argv[2] != "stored":
+    stored(jnp.ones(50))
+if sys.argv[2] != "jax's":
+    store_in(pathlib.Path(sys.argv[1]))
+print(float(stored(jnp.ones(50))))
+"""
+
+
 @pytest.fixture
 def folder(tmp_path):
     store_in(tmp_path)
@@ -281,3 +303,14 @@ def test_what_a_user_wrote_has_no_description():
     assert description(structure(Own(1.0, fpjax.Coulomb(1.0)))) is None
     assert description(lambda x: x) is None
     assert description(np.ones(2)) is None
+
+
+def test_a_program_of_jaxs_own_cache_is_not_stored_without_its_functions(tmp_path):
+    """Jax gives it again when the function is compiled to be stored, and it lacks what it calls."""
+    said = [
+        subprocess.run(
+            [sys.executable, "-c", BEFORE, str(tmp_path), mode], capture_output=True, text=True, check=True, timeout=120
+        ).stdout
+        for mode in ("jax's", "both", "stored")
+    ]
+    assert len(set(said)) == 1

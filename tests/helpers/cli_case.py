@@ -27,6 +27,26 @@ stepping = "sampled"
 """
 )
 
+NOMINAL = (
+    LARGE_BODY
+    + """
+steepness = 2000.0
+[controller]
+type = "pi"
+kp = 150.0
+ki = 800.0
+[reference]
+type = "multisine"
+amplitudes = [0.6, 0.3]
+frequencies = [0.6, 1.7]
+[simulation]
+dt = 1e-3
+duration = 4.0
+stepping = "sampled"
+substeps = 10
+"""
+)
+
 
 def run(*words):
     """The exit code of a command, run within this process."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from ...errors import InputError
 from ...output.runfile import write_whole
+from ..answer.files import PICTURES
 from . import sections
 from .heading import header
 from .markup import page, text
@@ -33,9 +34,6 @@ _NAVIGATION = (
     ("warnings", "Warnings"),
     ("provenance", "Provenance"),
 )
-
-PICTURES = tuple(f"{name}.png" for name in ("overview", "record", "where", "left", "residual", "learned", "shrink"))
-"""Files beside the page: those for which a diagnosis has data."""
 
 
 def write_report(diagnosis: Answer, out_dir: str | Path) -> Path:

@@ -2,7 +2,7 @@
 
 Each is one sentence with its number. "stop" means that nothing can be computed from this log (nothing moves, a column
 holds values that are not numbers); everything else is printed beside the result, and the user decides. Checks of the
-torque against the motion are in `torque_suspicions`.
+torque against the motion are in `torque_suspicions`, those of the motion's own columns in `motion_suspicions`.
 """
 
 from collections.abc import Iterator
@@ -14,16 +14,15 @@ import numpy as np
 from ..arrays import Values, runs_of
 from ..dynamics.derivative import local_polynomial, smooth_motion
 from ..log import Log
-from ..mending.clock import TIME_UNITS, likely_unit
 from ..noise import noise_level, rounding_step
-from .agreement import TOGETHER, one_unit, travelled
 from .clipped_counter import clipped_counter
+from .motion_suspicions import position_against_velocity, unit_of_time
 from .stamp_jitter import stamp_jitter
-from .suspicion import LIKE, pair_of, unit_of
 from .suspicion import Expected as Expected
 from .suspicion import Numbers as Numbers
 from .suspicion import Suspicion as Suspicion
-from .torque_suspicions import against_torque, swapped, torque_against_motion
+from .suspicion import unit_of
+from .torque_suspicions import swapped, torque_against_motion
 
 SHORTEST = 64  # [samples]: with fewer, nothing is compared
 ONE_WAY = 0.01  # share of the samples in the other direction, below which the motion has one direction only
@@ -33,8 +32,6 @@ FEW_LEVELS = 8  # different values: with so few the column is a relay's or a sta
 REPEATED = 0.002  # share of the samples that repeat the one before
 RESTING = 0.05  # of the speed that a hundredth of the rows exceed
 FEWEST_AT_REST = 16  # [samples] of one torque: a reading that is not renewed lasts a few periods
-SURELY = 0.99  # correlation of velocity and position over blocks, from which on their ratio is no matter of noise
-OTHER_SCALE = 0.05  # of that ratio, from 1: gears and encoders are known better
 LATE = 0.02  # of a period: the stamps of drives and buses with clocks of their own jitter by less
 MOST_ROWS = 400_000  # [samples]: a longer log is judged by its middle
 
@@ -66,10 +63,10 @@ def _found(log: Log, model: Expected | None) -> list[Suspicion]:
         # A wrong time unit makes wrong accelerations, exchanged columns make wrong signs: the first of these that is
         # found explains those after it, so the search ends there (but for a scale, which the diagnosis fits).
         for look in (
-            _unit_of_time(log, present),
+            unit_of_time(log, present),
             swapped(log, present),
             clipped_counter(log, present),
-            _position_against_velocity(log, present),
+            position_against_velocity(log, present),
             _whole_numbers(log, present),
             torque_against_motion(log, present, model),
             _velocity_against_reference(log, present),
@@ -236,93 +233,6 @@ def _clipped(columns: dict[str, Values]) -> Iterator[Suspicion]:
 def _few_levels(values: Values) -> bool:
     """Whether the column takes only a few different values, as a relay or a staircase command does."""
     return np.unique(values).size <= FEW_LEVELS
-
-
-def _unit_of_time(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
-    """Stamps in milliseconds that were read as seconds; velocity and position together confirm or refute it."""
-    unit = likely_unit(log.dt)
-    if unit is None:
-        return
-    velocity, position = columns.get("velocity"), columns.get("position")
-    if velocity is not None and position is not None:
-        ratio, together = travelled(velocity, position, log.dt)
-        if together > TOGETHER and one_unit(abs(ratio)):
-            return  # the velocity is the rate of the position in these seconds: the unit is right
-        named = [name for name, size in TIME_UNITS.items() if abs(abs(ratio) * size - 1.0) < LIKE]
-        unit = named[0] if named and together > TOGETHER else unit
-    yield Suspicion(
-        f"its rows are {log.dt:.4g} s apart, which is slow for a control period: is its time in {unit}? "
-        f"Then say so with --columns time=NAME:{unit}.",
-        "warn",
-        "clock",
-    )
-
-
-def _position_against_velocity(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
-    velocity, position = columns.get("velocity"), columns.get("position")
-    if velocity is None or position is None:
-        return
-    ratio, together = travelled(velocity, position, log.dt)
-    unit = "m" if getattr(log, "linear", False) else "rad"
-    if not np.isfinite(ratio) or together < TOGETHER:
-        yield Suspicion(
-            f"velocity is not the rate of change of position (correlation {together:.2f}): one of them "
-            f"belongs to another axis, or has another time.",
-            "warn",
-            "inconsistent",
-        )
-        return
-    if unit == "rad" and (pair := pair_of(abs(ratio))):
-        yield Suspicion(
-            f"velocity is {abs(ratio):.3g} x the rate of change of position, as {pair[0]} are beside {pair[1]}: unless "
-            f"a gear lies between them give both units, such as --columns "
-            f"velocity=NAME:{pair[0]},position=NAME:{pair[1]}.",
-            "warn",
-            "unit",
-        )
-        return
-    named = unit_of(abs(ratio), linear=unit == "m")
-    inverse = unit_of(1.0 / abs(ratio), linear=unit == "m") if ratio else None
-    if named:
-        yield Suspicion(
-            f"velocity looks like {named}: {abs(ratio):.3g} x the rate of change of position; give"
-            f" its unit, such as --columns velocity=NAME:{named}.",
-            "warn",
-            "unit",
-        )
-    elif inverse and inverse != "rpm":  # no angle is counted in rpm
-        angle = inverse.removesuffix("/s")
-        yield Suspicion(
-            f"position looks like {angle}: its rate of change is {1 / abs(ratio):.3g} x the "
-            f"velocity; give its unit, such as --columns position=NAME:{angle}.",
-            "warn",
-            "unit",
-        )
-    elif ratio < 0.0:
-        wrong = against_torque(log, columns)
-        turned = (
-            f"it is the {wrong} that goes against the torque, so turn its sign with --columns {wrong}={wrong}*-1."
-            if wrong
-            else "turn one of them round."
-        )
-        yield Suspicion(
-            f"velocity has the opposite sign of the rate of change of position ({ratio:.3g} x): {turned}",
-            "warn",
-            "sign",
-        )
-    elif not one_unit(ratio):
-        yield Suspicion(
-            f"velocity is {ratio:.3g} x the rate of change of position: check the units of both.",
-            "warn",
-            "unit",
-        )
-    elif together > SURELY and abs(ratio - 1.0) > OTHER_SCALE:
-        yield Suspicion(
-            f"velocity is {ratio:.3g} x the rate of change of position: one of them has a wrong scale, or a gear lies "
-            f"between them; correct it, as with --columns velocity=NAME*{1.0 / ratio:.4g}.",
-            "warn",
-            "scale",
-        )
 
 
 def _whole_numbers(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:

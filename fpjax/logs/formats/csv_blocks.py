@@ -15,7 +15,8 @@ import numpy as np
 from ...errors import InputError
 from ..columns.names import bracket_unit
 from ..columns.units import find_unit
-from .csv_layout import number, split
+from .cell_numbers import number
+from .csv_layout import split
 from .join_topics import Topics, joined
 from .table import RawTable, Request
 

@@ -13,19 +13,10 @@ import numpy as np
 
 from ...errors import InputError
 from ..mending.clock import TIME_UNITS, since_1970
+from .cell_numbers import has_decimal_point, number, thousands
 from .csv_blocks import has_blocks
 from .csv_blocks import read as read_blocks
-from .csv_layout import (
-    NAME_OF,
-    Layout,
-    find_layout,
-    has_decimal_point,
-    headings_removed,
-    number,
-    split,
-    thousands,
-    without_end,
-)
+from .csv_layout import NAME_OF, Layout, find_layout, headings_removed, split, without_end
 from .table import RawTable, Request
 
 PIECE = 50_000  # [lines]
@@ -137,7 +128,7 @@ def _read(stream: Iterator[str], path: pathlib.Path, layout: Layout, request: Re
                 f"{path.name} is not a table: {found.first_broken}, and so do {found.broken} of {total} rows."
             )
         warnings.append(f"{path.name}: {found.broken} of {total} rows were dropped ({found.first_broken}).")
-    cells.decide(found.rows)
+    cells.check_points(found.rows)
     warnings += cells.about_points(path.name)
     columns: dict[str, np.ndarray] = {}
     text: dict[str, str] = {}
@@ -259,8 +250,8 @@ class _Cells:
             raise _DecimalPointError(index)
         return value if whole is None or index in self.pointed else whole
 
-    def decide(self, rows: int) -> None:
-        """A point in every cell is likelier a decimal one, of three decimals, than that no cell is below 1000.
+    def check_points(self, rows: int) -> None:
+        """A column with a point in every cell has three decimals, rather than no number below 1000.
 
         Args:
             rows: that were read.

@@ -27,8 +27,7 @@ PARTS = 64  # of a log with breaks that are looked at: a wrong time column has m
 LATE = 5  # [rows] by which a row may have been written late
 COARSE = 0.2  # share of repeated stamps, from which on the clock is coarse and the rows are not repeated
 SURE_GROUPS, ALIKE_GROUPS = 5, 2  # groups of rows of one stamp that tell the period; so few where all are as long
-ALIKE = 0.05  # relative deviation of their periods, or of their steps where they have as many rows, but for one
-LEAST_ROWS = 5  # of such a group
+ALIKE = 0.05  # relative deviation of their periods, beside that of one row
 SHORTEST_PERIOD, LONGEST_PERIOD = 1e-8, 1e4  # [s]
 LATEST = 1e13  # [s]: beyond it a float64 does not resolve a millisecond
 MOST_FILLED = LONGEST_FILLED + 2  # [periods per row]: a finer grid would consist of invented samples
@@ -205,11 +204,9 @@ def _spread(time: np.ndarray, name: str, dt: float | None) -> np.ndarray:
         rate = np.minimum(dt, rate)
         stamps[0] = max(stamps[0], stamps[1] - size[0] * rate[0])
         return np.repeat(stamps, size) + within * np.repeat(rate, size)
-    # groups of a whole number of rows, whose stamps lie as far apart
-    whole = inner.size >= ALIKE_GROUPS and np.ptp(size[1:-1]) <= 1 and np.min(size[1:-1]) >= LEAST_ROWS
-    whole = whole and np.ptp(ahead[1:-1]) <= ALIKE * np.median(ahead[1:-1])
-    alike = inner.size >= ALIKE_GROUPS and np.ptp(inner) <= ALIKE * np.median(inner)
-    if inner.size < SURE_GROUPS and not (alike or whole):
+    # A stamp tells the rows of its group to one.
+    alike = inner.size >= ALIKE_GROUPS and np.ptp(inner) <= (ALIKE + 1.0 / np.min(size[1:-1])) * np.median(inner)
+    if inner.size < SURE_GROUPS and not alike:
         raise InputError(
             f"{name}: time has only {first.size} different values in {time.size} rows ({stamps[0]:.10g} to "
             f"{stamps[-1]:.10g} s), too few to tell how far apart its rows are: export it with more digits, or give "

@@ -7,7 +7,8 @@ import pytest
 from log_files import DT, SAMPLES, TURN
 
 from fpjax import FpjaxWarning, InputError, read_log
-from fpjax.logs.formats.csv_layout import has_decimal_comma, number, sampling_period
+from fpjax.logs.formats.cell_numbers import has_decimal_comma, number
+from fpjax.logs.formats.csv_layout import sampling_period
 from fpjax.logs.mending.clock import since_1970
 
 pytestmark = pytest.mark.filterwarnings("ignore::fpjax.errors.FpjaxWarning")  # each test asks for its own

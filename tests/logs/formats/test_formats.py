@@ -2,7 +2,6 @@
 
 import math
 import os
-import re
 import struct
 import sys
 
@@ -12,7 +11,6 @@ from log_files import DT, SAMPLES, TURN, assert_same, write_csv
 from public_records import PULSES, needs_emps
 
 from fpjax import FpjaxWarning, InputError, read_log
-from fpjax.logs.formats.csv_layout import number
 
 pytestmark = pytest.mark.filterwarnings("ignore::fpjax.errors.FpjaxWarning")  # each test asks for its own
 
@@ -67,53 +65,6 @@ def test_rows_of_which_some_lack_the_last_reading(tmp_path):
     np.testing.assert_array_equal(log.velocity, np.arange(300) % 5)
 
 
-@pytest.mark.parametrize("form", ["2025-11-09T09:27:{:06.3f}Z", "2025-11-09 09:27:{:06.3f}", "09:27:{:06.3f}"])
-def test_stamps_that_are_dates_or_times_of_day(tmp_path, form):
-    lines = [f"{form.format(0.01 * k)},{k % 7},{k % 5}" for k in range(300)]
-    (tmp_path / "log.csv").write_text("\n".join(["timestamp,torque,velocity", *lines]))
-    log = read_log(tmp_path / "log.csv")
-    assert log.dt == pytest.approx(0.01, rel=1e-6)
-    assert log.time.size == 300
-
-
-FORMS = ["28.11.2026 23:59:{:06.3f}", "28.11.2026 23:59:{:06.3f} ", "11/28/2026 11:59:{:06.3f} PM", "1:59:{:06.3f} am"]
-
-
-@pytest.mark.parametrize("form", [*FORMS, "23:59:{:06.3f}:"])
-@pytest.mark.parametrize("comma", [False, True])
-def test_stamps_that_are_german_dates_or_of_a_clock_of_12_hours(tmp_path, form, comma):
-    stamps = [form.format(0.01 * k) for k in range(300)]
-    if form.endswith(":"):
-        stamps = [stamp.rstrip(":").replace(".", ":") for stamp in stamps]
-    lines = [f"{stamp};{0.5 * (k % 7)};{k % 5}" for k, stamp in enumerate(stamps)]
-    if comma:
-        lines = [re.sub(r"\.(\d{3}|\d)(?!\d)", r",\1", line) for line in lines]
-    (tmp_path / "log.csv").write_text("\n".join(["timestamp;torque;velocity", *lines]))
-    log = read_log(tmp_path / "log.csv")
-    assert log.dt == pytest.approx(0.01, rel=1e-6)
-    np.testing.assert_allclose(log.torque, 0.5 * (np.arange(300) % 7))
-
-
-@pytest.mark.parametrize(
-    ("cell", "value"),
-    [
-        ("28.11.2026 23:59:57.250", 1795910397.25),
-        ("28.11.2026 23:59:57,250", 1795910397.25),
-        ("28.11.2026, 23:59:57.250", 1795910397.25),
-        ("11/28/2026, 11:59:57.250\u202fPM", 1795910397.25),
-        ("11/28/2026 11:59:57.25 PM", 1795910397.25),
-        ("11/28/2026 12:00:01 AM", 1795824001.0),
-        ("12:00:01 pm", 43201.0),
-        ("23:59:57:250", 86397.25),
-        ("28.13.2026 23:59:57", None),
-        ("11/28/2026 23:59:57", None),  # day or month first?
-        ("13:00:00 PM", None),
-    ],
-)
-def test_moments(cell, value):
-    assert number(cell, comma=False) == number(cell, comma=True) == value
-
-
 def test_rows_that_end_with_a_semicolon_as_those_of_a_matrix(tmp_path):
     lines = [f"{0.01 * k:.2f},{k % 7},{k % 5};" for k in range(300)]
     head = ["%timestamp [s],torque,velocity", "nan,nan,nan;"]
@@ -122,12 +73,6 @@ def test_rows_that_end_with_a_semicolon_as_those_of_a_matrix(tmp_path):
         with pytest.warns(FpjaxWarning, match="left out|cut|not a number|dropped"):
             log = read_log(tmp_path / "log.csv")
         np.testing.assert_array_equal(log.velocity, np.arange(300) % 5)
-
-
-def test_words_in_the_time_column_are_one_sentence(tmp_path):
-    (tmp_path / "log.csv").write_text("timestamp,torque,velocity\n" + "soon,1,2\n" * 50)
-    with pytest.raises(InputError, match="no column time"):
-        read_log(tmp_path / "log.csv")
 
 
 def test_a_file_without_a_header_is_looked_at(tmp_path, columns):
