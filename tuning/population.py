@@ -8,6 +8,7 @@ import numpy as np
 from fpjax.blocks.parameters import get_parameter
 from fpjax.errors import InputError
 from fpjax.simulation.loop import ClosedLoop
+from fpjax.simulation.seeds import checked_seed
 
 
 def population(
@@ -40,7 +41,7 @@ def population(
     else:
         if count < 1:
             raise InputError(f"count = {count} leaves no plant: give at least 1.")
-        signs = np.random.default_rng(seed).uniform(-1.0, 1.0, (count - 1, len(spread)))
+        signs = np.random.default_rng(checked_seed(seed)).uniform(-1.0, 1.0, (count - 1, len(spread)))
     # Row 0, all zeros, is the nominal plant; shape (plants, n).
     factors = 1.0 + np.vstack([np.zeros(len(spread)), signs]) * np.array(list(spread.values()))
     return {name: float(get_parameter(loop, name)) * factors[:, place] for place, name in enumerate(spread)}

@@ -19,9 +19,10 @@ from fpjax.blocks.parameters import get_parameter, set_parameters
 from fpjax.blocks.references import AbstractReference
 from fpjax.errors import InputError
 from fpjax.simulation.histories import usual_largest, with_histories
-from fpjax.simulation.input_checks import check_frequency
+from fpjax.simulation.input_checks import check_frequency, check_one_run
 from fpjax.simulation.loop import ClosedLoop
 from fpjax.simulation.scan import Inputs, Stepper, Stepping, astype, loop_dtype, make_inputs, make_stepper, roll
+from fpjax.simulation.seeds import checked_seed
 from fpjax.simulation.solvers import AbstractPlantSolver
 from fpjax.simulation.stability import warn_if_stiff
 
@@ -110,6 +111,8 @@ def make_problem(
     chosen = astype(chosen, dtype)
     if aggregate not in ("mean", "worst"):
         raise InputError(f"aggregate = {aggregate!r} is not known: choose 'mean' or 'worst'.")
+    if not isinstance(noise_seeds, Sequence):
+        raise InputError(f"noise_seeds must be a list of seeds, as [0, 1, 2], got {noise_seeds!r}.")
     if noise_seeds and not loop.sensor.noise_channels:
         raise InputError(
             f"noise_seeds = {list(noise_seeds)} needs a sensor with noise, not {type(loop.sensor).__name__}: "
@@ -141,12 +144,14 @@ def make_problem(
         warn_if_stiff(judged, dt / (substeps if stepping == "sampled" else 1), stepper.solver)
     for reference in listed:
         check_frequency(reference, float(dt), ("The reference's", "dt"))
+        check_one_run(loop, reference, stepper)
     # Once, outside the scan: a sine computed in every step takes 19 times as long (docs/performance.md).
     tables = [make_inputs(loop, reference, stepper) for reference in listed]
     channels = loop.sensor.noise_channels
     # Noise does not depend on the reference: the first one serves for all. Without seeds there is one row of zeros, so
     # that problems with and without noise have one structure.
-    noisy = [make_inputs(loop, listed[0], stepper, jax.random.key(seed)).noise for seed in noise_seeds]
+    keys = [jax.random.key(checked_seed(seed, "noise_seeds")) for seed in noise_seeds]
+    noisy = [make_inputs(loop, listed[0], stepper, key).noise for key in keys]
     noise = tuple(
         jnp.stack([rows[channel] for rows in noisy]) if noisy else tables[0].noise[channel][None]
         for channel in range(channels)

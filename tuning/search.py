@@ -10,6 +10,7 @@ from jaxtyping import Array
 
 from fpjax.errors import InputError
 from fpjax.simulation.loop import ClosedLoop
+from fpjax.simulation.seeds import checked_seed
 from fpjax.simulation.solvers import AbstractPlantSolver
 
 from .gradient import adam, lbfgs
@@ -82,7 +83,7 @@ def draw_starts(problem: Problem, start: np.ndarray, starts: int, spread: float,
     if starts < 1:
         raise InputError(f"starts must be at least 1, got {starts}.")
     # The first start is the given one itself; the others differ in every parameter.
-    draws = np.random.default_rng(seed).uniform(-spread, spread, (starts - 1, start.size))
+    draws = np.random.default_rng(checked_seed(seed)).uniform(-spread, spread, (starts - 1, start.size))
     space = problem.space
     middle, half = np.asarray(space.middle, float), np.asarray(space.half, float)
     log = np.asarray(space.logarithmic) > 0

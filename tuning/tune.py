@@ -17,6 +17,7 @@ from fpjax.simulation.input_checks import checked_loop, checked_reference
 from fpjax.simulation.loop import ClosedLoop
 from fpjax.simulation.precision import double_precision
 from fpjax.simulation.scan import astype, make_inputs
+from fpjax.simulation.seeds import checked_seed
 
 from .file_bounds import bounded_parameters
 from .lanes import Lanes, Stopwatch
@@ -82,6 +83,7 @@ def tune(
     Raises:
         InputError: for invalid input, with what to do.
     """
+    checked_seed(seed)
     judged = with_keywords(setup, words)
     model = None if isinstance(loop, ClosedLoop) else as_model(loop, "tune")
     if model is not None:

@@ -22,6 +22,12 @@ class Block(eqx.Module):
     (its signals); a block without a state uses the empty tuple.
     """
 
+    def __check_init__(self) -> None:
+        # After the checks of each block's own class, which say more. In a user's own block infinity may mean no bound.
+        if type(self).__module__.startswith("fpjax."):
+            for field in dataclasses.fields(self):
+                require_finite(self, field.name)
+
     def __repr__(self) -> str:
         """The block with its numbers."""
         return show_fields(self)
@@ -91,12 +97,12 @@ def with_arrays(tree: PyTree) -> PyTree:
 
 
 def _concrete(value: object) -> np.ndarray | None:
-    """The value as numpy; None where it cannot be checked: absent, traced, or a tree transformation's placeholder."""
+    """The value as numpy; None where it cannot be checked: absent, traced, no number, or a placeholder of a tree."""
     if value is None or isinstance(value, Tracer):
         return None
     if not isinstance(value, (jax.Array, np.ndarray, float, int)):
         return None
-    return np.asarray(value)
+    return np.asarray(value) if jnp.issubdtype(getattr(value, "dtype", float), jnp.number) else None
 
 
 def require_positive(owner: object, name: str, unit: str) -> None:
@@ -120,13 +126,15 @@ def require_not_negative(owner: object, name: str, unit: str) -> None:
 
 
 def require_finite(owner: object, name: str) -> None:
-    """Raise `InputError` unless the concrete field `name` of `owner` is finite."""
-    value = _concrete(getattr(owner, name))
-    if value is not None and not np.all(np.isfinite(value)):
-        count = f"{np.sum(~np.isfinite(value))} of {value.size} numbers are not: fill what is missing"
-        raise InputError(
-            f"{type(owner).__name__}: {name} must be finite, {count if value.ndim else f'got {value:g}; check it'}."
-        )
+    """Raise `InputError` unless the concrete field `name` of `owner`, or each entry of its tuple, is finite."""
+    field = getattr(owner, name, None)
+    for entry in field if isinstance(field, tuple) else (field,):
+        value = _concrete(entry)
+        if value is not None and not np.all(np.isfinite(value)):
+            count = f"{np.sum(~np.isfinite(value))} of {value.size} numbers are not: fill what is missing"
+            raise InputError(
+                f"{type(owner).__name__}: {name} must be finite, {count if value.ndim else f'got {value:g}; check it'}."
+            )
 
 
 def require_below(owner: object, name: str, limit: float) -> None:

@@ -1,6 +1,5 @@
 """References: what the loop must follow, as functions of time."""
 
-import dataclasses
 from abc import abstractmethod
 from typing import ClassVar
 
@@ -11,7 +10,7 @@ from jaxtyping import Array
 
 from ..compiled.elementary import sin
 from ..errors import InputError
-from .block import Block, as_parameter, require_finite, require_positive
+from .block import Block, as_parameter, require_positive
 
 
 class AbstractReference(Block):
@@ -25,15 +24,7 @@ class AbstractReference(Block):
         """r at time [s]; any shape in, the same shape out."""
 
 
-class AbstractFinite(AbstractReference):
-    """A reference whose numbers are all finite."""
-
-    def __check_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            require_finite(self, field.name)
-
-
-class Constant(AbstractFinite):
+class Constant(AbstractReference):
     """A constant.
 
     Attributes:
@@ -47,7 +38,7 @@ class Constant(AbstractFinite):
         return self.amplitude + jnp.zeros_like(time)
 
 
-class Sine(AbstractFinite):
+class Sine(AbstractReference):
     """amplitude sin(2 pi frequency t + phase) + offset.
 
     Attributes:
@@ -68,7 +59,7 @@ class Sine(AbstractFinite):
         return self.amplitude * sin(2.0 * jnp.pi * self.frequency * time + self.phase) + self.offset
 
 
-class Chirp(AbstractFinite):
+class Chirp(AbstractReference):
     """A linear frequency sweep: amplitude sin(2 pi (f0 t + (f1 - f0) t^2 / (2 T))); after T it stays at f1.
 
     Attributes:
@@ -97,7 +88,7 @@ class Chirp(AbstractFinite):
         return self.amplitude * sin(2.0 * jnp.pi * turns)
 
 
-class Triangle(AbstractFinite):
+class Triangle(AbstractReference):
     """A triangle wave that starts at zero, rising, like a sine.
 
     Attributes:
@@ -118,7 +109,7 @@ class Triangle(AbstractFinite):
         return self.amplitude * (1.0 - 4.0 * jnp.abs(cycle - 0.5))
 
 
-class Square(AbstractFinite):
+class Square(AbstractReference):
     """A square wave that starts high.
 
     Attributes:
@@ -138,7 +129,7 @@ class Square(AbstractFinite):
         return jnp.where(cycle < 0.5, self.amplitude, -self.amplitude)
 
 
-class Multisine(AbstractFinite):
+class Multisine(AbstractReference):
     """A sum of sines.
 
     Attributes:
@@ -171,7 +162,7 @@ class Multisine(AbstractFinite):
         return jnp.reshape(values, (1,) * time.ndim + values.shape)
 
 
-class Recorded(AbstractFinite):
+class Recorded(AbstractReference):
     """A recorded signal, held from sample to sample (what a drive does) or interpolated.
 
     Attributes:

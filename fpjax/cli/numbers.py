@@ -4,7 +4,8 @@ import argparse
 import math
 import re
 
-LARGEST_SEED = 2**63 - 1
+from ..simulation.seeds import LARGEST_SEED, checked_seed
+
 _REAL = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _WHOLE = re.compile(r"[+-]?\d+", re.ASCII)
 
@@ -32,18 +33,15 @@ def whole(text: str) -> int:
 
 
 def seed(text: str) -> int:
-    """The seed of random numbers: a whole number that fits into 63 bits, as every generator takes them.
+    """The seed of random numbers, as `checked_seed` takes it.
 
     Raises:
         ArgumentTypeError: for anything else.
     """
     try:
-        number = whole(text)
+        return checked_seed(whole(text))
     except ValueError:
-        number = -1
-    if not 0 <= number <= LARGEST_SEED:
-        raise argparse.ArgumentTypeError(f"a seed is a whole number from 0 to {LARGEST_SEED}, got {text!r}")
-    return number
+        raise argparse.ArgumentTypeError(f"a seed is a whole number from 0 to {LARGEST_SEED}, got {text!r}") from None
 
 
 # argparse uses these names in its message "invalid number value: '1_0'".

@@ -15,7 +15,7 @@ from ..errors import InputError
 from ..gap import Diagnosis
 from ..gap.answer.findings import Learned
 from ..gap.answer.posterior import FILE, Posterior, load_posterior
-from ..gap.answer.provenance import refuse_other_machine
+from ..gap.answer.provenance import refuse_other_log, refuse_other_machine
 from ..logs import Log
 from ..logs.checks.agreement import one_unit
 from ..model_file import Model, load_model
@@ -163,7 +163,7 @@ def known_in(folder: str | os.PathLike[str], log: Log, *, finished: bool = True,
         refuse_unfinished(path)
     try:
         content: JsonObject = json.loads(path.read_text())
-        inputs = content["provenance"].get("inputs", [])
+        made: JsonObject = dict(content["provenance"])
         laws = tuple(_law(law) for law in content.get("learned", []))
         # JSON has no NaN: an unknown gap is null in the file
         after = content["gap"]["after"]
@@ -187,18 +187,35 @@ def known_in(folder: str | os.PathLike[str], log: Log, *, finished: bool = True,
         ) from None
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         raise InputError(f"{path} is not a diagnosis of this version of fpjax: diagnose the log again.") from None
-    _check_same(folder, inputs, log)
+    refuse_other(made, found.posterior, log, model, str(folder))
+    return found
+
+
+def refuse_other(provenance: JsonObject, posterior: Posterior, log: Log, model: Model | None, name: str) -> None:
+    """Refuse a diagnosis of another log, of another machine, or of more than one log.
+
+    Args:
+        provenance: of the diagnosis.
+        posterior: of the diagnosis.
+        log: whose gains are to be improved.
+        model: the nominal one; None not to ask.
+        name: of the diagnosis, for messages.
+
+    Raises:
+        InputError: for such a diagnosis.
+    """
+    others = refuse_other_log(provenance, log, name)
     if model is not None:
-        refuse_other_machine(content["provenance"], model, str(folder))
-    samples = [len(course) for course in found.posterior.missing]
-    # Stretches of one file are runs of the machine that `log`, the longest of them, is the first of.
-    files = {entry.get("sha256") for entry in inputs if entry.get("role") == "fitted"}
-    if len(samples) != 1 and (not log.sha256 or files != {log.sha256}):
+        refuse_other_machine(provenance, model, name)
+    samples = [len(course) for course in posterior.missing]
+    # Stretches of one recording are runs of the machine that `log`, the longest of them, is the first of.
+    if others:
         raise InputError(
-            f"{folder} is a diagnosis of {len(samples)} logs, but improve judges gains on one: diagnose the one log "
+            f"{name} is a diagnosis of {len(samples)} logs, but improve judges gains on one: diagnose the one log "
             f"that is typical of the machine's work."
         )
     # A log that is too long to be simulated as a whole is diagnosed in parts; its whole length is in the provenance.
+    inputs = provenance.get("inputs", [])
     whole = [entry["samples"] for entry in inputs if entry.get("role") == "fitted" and "samples" in entry]
     diagnosed = whole[0] if whole else samples[0]
     if diagnosed != len(log.time):
@@ -206,20 +223,9 @@ def known_in(folder: str | os.PathLike[str], log: Log, *, finished: bool = True,
             f"{log.name} has {len(log.time)} samples, but was diagnosed with {diagnosed}: use the same --from, --to "
             f"and --every, or leave out --diagnosis."
         )
-    return found
 
 
 def _law(law: JsonObject) -> Learned:
     curve = law["curve"]
     at, torque, low, high = (tuple(curve[name]) for name in ("at", "torque", "low", "high"))
     return Learned(law["of"], law["share"], at, torque, low, high, curve.get("period"))
-
-
-def _check_same(folder: pathlib.Path, inputs: list[JsonObject], log: Log) -> None:
-    hashes = {entry.get("sha256"): entry.get("name") for entry in inputs if entry.get("role") == "fitted"}
-    # a log from arrays has no hash, and an older diagnosis may lack it: only a known difference is refused
-    if log.sha256 and hashes and log.sha256 not in hashes and any(hashes):
-        raise InputError(
-            f"{folder} is the diagnosis of {', '.join(map(str, hashes.values()))}, not of {log.name}: give the folder "
-            f"of that log's diagnosis, or leave out --diagnosis."
-        )

@@ -10,7 +10,6 @@ import numpy as np
 
 from ..errors import InputError
 from ..gap import Diagnosis, diagnose
-from ..gap.answer.provenance import refuse_other_machine
 from ..gap.data.checks import refuse_contradicted
 from ..gap.data.record import Record
 from ..logs import Log, LogSource, read_log
@@ -19,6 +18,7 @@ from ..logs.dynamics.derivative import slope
 from ..model_file import Model, ModelSource, load_model
 from ..output.stages import StageClock
 from ..simulation.precision import double_precision
+from ..simulation.seeds import checked_seed
 from .answer import Change, Range
 from .as_given import lead_as_given
 from .decision import (
@@ -36,7 +36,7 @@ from .decision import (
     told_apart,
     too_much,
 )
-from .from_diagnosis import Known, about_left, known_in, known_of, same_controller
+from .from_diagnosis import Known, about_left, known_in, known_of, refuse_other, same_controller
 from .gains import Gains, freed, guesses
 from .judge import Judge
 from .machines import Ground, Machines, draw_machines, make_ground, one_piece, ready, records_of
@@ -93,7 +93,8 @@ def improve(
         An `Improvement`: it prints itself, `report(folder)` writes a page.
 
     Raises:
-        InputError: for a log without a reference, an unknown controller, or no gain that may change.
+        InputError: for a log without a reference, an unknown controller, no gain that may change, or a diagnosis of
+            another log or machine.
     """
     if isinstance(free, str):
         free = (free,)
@@ -102,6 +103,7 @@ def improve(
             f"improve got {type(diagnosis).__name__} {str(diagnosis)[:40]!r} as its diagnosis: give a Diagnosis "
             "(fpjax.diagnose) or the --out folder of fpjax diagnose."
         )
+    checked_seed(seed)
     clock = StageClock(progress, COSTS)
     clock("reading")
     with double_precision():
@@ -109,7 +111,7 @@ def improve(
     nominal.needed_controller()
     recorded = log if isinstance(log, Log) else read_log(log, linear=nominal.linear or None)
     # Of a log with breaks its longest stretch alone (a changed log has no further ones): gains are judged along it.
-    recorded = dataclasses.replace(recorded, since=0.0)
+    whole, recorded = recorded, dataclasses.replace(recorded, since=0.0)
     table = followed(recorded, nominal, reference)
     # The choice of gains is checked before a diagnosis that takes half a minute. Their ranges need the corrected
     # machine, so the result is not used here.
@@ -124,10 +126,10 @@ def improve(
     elif isinstance(diagnosis, Known):
         known = diagnosis
     elif isinstance(diagnosis, Diagnosis):
-        refuse_other_machine(diagnosis.provenance, nominal, "The diagnosis")
         done, known = diagnosis, known_of(diagnosis)
+        refuse_other(done.provenance, known.posterior, whole, nominal, "The diagnosis")
     else:
-        known = known_in(diagnosis, recorded, model=nominal)
+        known = known_in(diagnosis, whole, model=nominal)
     if diagnosis is not None and not same_controller(known, nominal):
         known = dataclasses.replace(known, made=False, same_gains=False)
     found = improve_known(known, recorded, nominal, table, free, seed, clock, keep, kept)

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..gap import diagnose
-from ..gap.answer.provenance import refuse_other_machine
+from ..gap.answer.provenance import refuse_other_log, refuse_other_machine
 from ..gap.data.checks import refuse_contradicted
 from ..gap.diagnosis import Diagnosis
 from ..logs import Log, read_log
@@ -25,6 +25,7 @@ from ..output.json_object import JsonObject, TomlTable
 from ..output.stages import StageClock
 from ..simulation.precision import double_precision
 from ..simulation.scan import astype
+from ..simulation.seeds import checked_seed
 from .answer import MATERIAL, NEEDED, Separation, Visible
 from .design import Designed, design
 from .explain import beside, kinds_of_samples, not_visible, separations, where_from
@@ -110,6 +111,7 @@ def plan(
     for name, value in (("missing", missing), ("velocity_noise", velocity_noise), ("position_noise", position_noise)):
         if value is not None and not 0.0 < value < float("inf"):
             raise InputError(f"{name} must be a number above zero, got {value:g}.")
+    checked_seed(seed)
     clock, notes = StageClock(progress, now=time.process_time), list[str]()
     clock("reading", 0.0)
     record = log if isinstance(log, Log) or log is None else read_log(log, linear=known.linear)
@@ -121,6 +123,8 @@ def plan(
     told = None if diagnosis is None else read_diagnosis(diagnosis)
     if told is not None and isinstance(made := told.get("provenance"), dict):
         refuse_other_machine(made, known, "The diagnosis")
+        if record is not None:
+            refuse_other_log(made, record, "The diagnosis")
     with double_precision():
         known = dataclasses.replace(known, loop=astype(known.loop, jnp.float64))
         clock("limits", 0.4 if record is not None else 0.02)

@@ -83,12 +83,10 @@ def with_histories(loop: ClosedLoop, dt: float, largest: Mapping[str, float] | N
 
 
 def with_history(state: LoopState, loop: ClosedLoop) -> LoopState:
-    """The state with histories as long as the loop's: what a shorter one lacks is taken to be its oldest value."""
+    """The state with histories as long as the loop's: what one lacks is its oldest value, what is older is left out."""
     for part in DELAYED:
         block, past = getattr(loop, part), getattr(getattr(state, part), "history", ())
-        if isinstance(block, Actuator | ServoSensor) and past and len(past) < block.longest_delay:
-            missing = block.longest_delay - len(past)
-            state = eqx.tree_at(
-                lambda at, part=part: getattr(at, part).history, state, (*past, *(past[-1] for _ in range(missing)))
-            )
+        if isinstance(block, Actuator | ServoSensor) and past and len(past) != block.longest_delay:
+            kept = (*past, *(past[-1] for _ in range(block.longest_delay)))[: block.longest_delay]
+            state = eqx.tree_at(lambda at, part=part: getattr(at, part).history, state, kept)
     return state

@@ -4,20 +4,23 @@ from typing import Any
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
+from jaxtyping import PyTree
 
 from ..blocks.actuators import AbstractActuator
 from ..blocks.block import with_arrays
-from ..blocks.controllers import AbstractController
+from ..blocks.controllers import AbstractController, TransferFunction
 from ..blocks.friction import AbstractFriction
 from ..blocks.observers import AbstractObserver
-from ..blocks.parameters import parameter_names
+from ..blocks.parameters import get_parameters, parameter_names
 from ..blocks.plants import AbstractPlant
-from ..blocks.references import AbstractReference
+from ..blocks.references import AbstractReference, Constant
 from ..blocks.sensors import AbstractSensor
 from ..errors import InputError
-from .loop import ClosedLoop
+from .loop import ClosedLoop, LoopState
+from .scan import Stepper, Stepping, advance, make_inputs
 
 # The blocks of a loop: (name, class, an example for the error message).
 _BLOCKS = (
@@ -57,6 +60,77 @@ def checked_reference(reference: Any) -> AbstractReference:
         hint = "fp.Constant(...)" if isinstance(reference, int | float) else "fp.Sine(amplitude=1.0, frequency=1.0)"
         raise InputError(f"The reference is {shown(reference)}: give one of the blocks, for instance {hint}.")
     return with_arrays(reference)
+
+
+def check_one_run(loop: ClosedLoop, reference: AbstractReference, stepper: Stepper) -> None:
+    """Refuse arrays in place of single numbers, of which a run would make a batch, or fail within jax.
+
+    A user's own block may hold arrays as a `TransferFunction` does: they count only if a step makes arrays of them.
+
+    Args:
+        loop: the closed loop.
+        reference: of the loop.
+        stepper: the time steps.
+
+    Raises:
+        InputError: for such arrays.
+    """
+
+    def step() -> tuple[PyTree, PyTree, PyTree]:
+        now = jax.tree.map(lambda table: table[0], make_inputs(loop, Constant(0.0), stepper))
+        before = loop.sampled(loop.init()) if stepper.stepping == "sampled" else loop.init()
+        return before, *advance(loop, before, now, now.time, stepper)
+
+    def value() -> tuple[PyTree, PyTree, PyTree]:
+        return (), (), reference.readout(jnp.zeros(()))
+
+    is_function = lambda part: isinstance(part, TransferFunction)  # noqa: E731
+    others = jax.tree.map(lambda part: None if is_function(part) else part, loop, is_leaf=is_function)
+    for blocks, traced in ((others, step), ({"reference": reference}, value)):
+        parameters = get_parameters(blocks, parameter_names(blocks))
+        arrays = ", ".join(f"{name} of the shape {one.shape}" for name, one in parameters.items() if one.ndim)
+        if not arrays:
+            continue
+        why = None
+        try:
+            before, after, signals = jax.eval_shape(traced)
+            single = _form(before) == _form(after) and not any(leaf.ndim for leaf in jax.tree.leaves(signals))
+        except InputError:
+            raise
+        except (TypeError, ValueError) as error:  # arrays that do not fit each other
+            single, why = False, error
+        if not single:
+            raise InputError(
+                f"A run takes one number for each parameter, got {arrays}: give one number, or call simulate for each "
+                "(jax.vmap), or tuning.sweep."
+            ) from why
+
+
+def check_initial(initial: Any, loop: ClosedLoop, stepping: Stepping) -> None:
+    """Refuse a state to start from that is not one of this loop.
+
+    Args:
+        initial: the state.
+        loop: the closed loop.
+        stepping: of the run; a sampled one makes the memory of its period by itself.
+
+    Raises:
+        InputError: for another kind of object, and for a state of other blocks or shapes.
+    """
+    advice = "give loop.init() with your numbers in it, or the final_state of such a run of this loop."
+    if not isinstance(initial, LoopState):
+        raise InputError(f"initial is {shown(initial)}: {advice}")
+    rest = loop.init()
+    for name in [*(name for name, _, _ in _BLOCKS), *(["period"] if stepping == "continuous" else [])]:
+        if _form(getattr(initial, name)) != _form(getattr(rest, name)):
+            raise InputError(
+                f"initial.{name} has other parts than loop.init().{name}, or parts of other shapes: {advice}"
+            )
+
+
+def _form(state: PyTree) -> tuple[Any, list[tuple[int, ...]]]:
+    """The structure of a state and the shapes of its numbers."""
+    return jax.tree.structure(state), [np.shape(leaf) for leaf in jax.tree.leaves(state)]
 
 
 NYQUIST = 0.5  # share of the sample rate from which on a sampled sine is aliased to a lower frequency

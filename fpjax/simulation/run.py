@@ -21,7 +21,7 @@ from ..output.json_object import JsonObject
 from ..output.run_picture import About
 from .divergence import LARGEST, in_proportion
 from .histories import with_histories, with_history
-from .input_checks import check_frequency
+from .input_checks import check_frequency, check_initial, check_one_run, shown
 from .loop import ClosedLoop, LoopState
 from .metrics import AbstractMeasure
 from .scan import Stepper, Stepping, make_inputs, make_stepper, roll
@@ -186,13 +186,18 @@ def simulate(
     )
     names = (record,) if isinstance(record, str) else tuple(record)
     _check_memory(stepper.samples, len(names))
+    if not isinstance(key, jax.Array | None):
+        raise InputError(f"key is {shown(key)}: give a jax.random key, as jax.random.key(0).")
     if not isinstance(dt, Tracer):
         check_frequency(reference, float(dt), ("The reference's", "dt"))
         if stepping == "sampled":
             _check_periods(loop, float(dt))
             loop = with_histories(loop, float(dt))
-            initial = None if initial is None else with_history(initial, loop)
+            initial = with_history(initial, loop) if isinstance(initial, LoopState) else initial
         warn_if_stiff(loop, float(dt) / (substeps if stepping == "sampled" else 1), stepper.solver)
+    check_one_run(loop, reference, stepper)
+    if initial is not None:
+        check_initial(initial, loop, stepping)
     run = _run(loop, reference, stepper, measures or {}, names, initial, key)
     if throw and run.diverged:
         raise DivergedError(f"The run {run.message}.")

@@ -69,7 +69,7 @@ def make_stepper(
     """
     for name, value in (("dt", dt), ("duration", duration)):
         # a tracer has __float__ as well: dt may be differentiated or batched, so only its type is checked
-        if isinstance(value, str | bool) or (value is not None and not hasattr(value, "__float__")):
+        if isinstance(value, str | bool) or np.ndim(value) or not (value is None or hasattr(value, "__float__")):
             raise InputError(f"{name} must be a number of seconds, got {type(value).__name__} {value!r}.")
     for name, value in (("samples", samples), ("substeps", substeps)):
         if value is not None and not hasattr(value, "__index__"):

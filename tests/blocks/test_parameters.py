@@ -4,6 +4,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import pytest
+from catalogue import CASES
 
 import fpjax as fp
 
@@ -100,3 +101,21 @@ def test_a_side_of_the_transmission_that_there_is_not_is_refused(make):
     assert make("motor").side == "motor"
     with pytest.raises(fp.InputError, match="must be 'load' or 'motor', got 'Motor'"):
         make("Motor")
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+@pytest.mark.parametrize("value", [jnp.nan, jnp.inf])
+def test_no_parameter_of_a_block_may_be_other_than_finite(case, value):
+    block = case.build()
+    names = [name for name in fp.parameter_names(block) if fp.get_parameter(block, name).size]
+    for name in names:
+        with pytest.raises(fp.InputError):
+            fp.set_parameters(block, {name: jnp.full_like(fp.get_parameter(block, name), value)})
+
+
+def test_a_block_is_checked_where_it_is_made():
+    with pytest.raises(fp.InputError, match="Actuator: offset must be finite, got nan"):
+        fp.Actuator(offset=float("nan"))
+    with pytest.raises(fp.InputError, match="TransferFunction: output must be finite, 1 of 1 numbers"):
+        fp.TransferFunction([float("nan")], [1.0, 2.0])
+    assert jax.vmap(lambda offset: fp.Actuator(offset=offset).offset)(jnp.array([jnp.nan])).shape == (1,)  # traced

@@ -12,7 +12,7 @@ import pytest
 import fpjax as fp
 from fpjax.gap import EFFECTS
 from fpjax.gap.answer.posterior import FILE, left_open, load_posterior
-from fpjax.gap.answer.provenance import _machine, refuse_other_machine
+from fpjax.gap.answer.provenance import _machine, columns_hash, refuse_other_log, refuse_other_machine
 from fpjax.improvement.from_diagnosis import _in_another_unit, known_in
 from fpjax.improvement.machines import records_of
 from fpjax.simulation.precision import double_precision
@@ -106,10 +106,29 @@ def test_a_folder_that_is_no_diagnosis_is_refused_in_one_sentence(tmp_path, brok
 
 def test_the_diagnosis_of_another_log_is_refused(tmp_path):
     other = dataclasses.replace(case.log(), sha256="def")
-    with pytest.raises(fp.InputError, match=r"made\.csv, not of"):
+    with pytest.raises(fp.InputError, match=r"made\.csv, not to"):
         known_in(folder_of(tmp_path), other)
     with pytest.raises(fp.InputError, match="samples"):
         known_in(tmp_path, case.log(2.0))
+
+
+def test_so_is_one_in_memory_which_knows_the_columns_of_arrays():
+    log, model = case.log(), case.model()
+    made = {"inputs": [{"role": "fitted", "name": "a log", "sha256": "x", "columns": columns_hash(log)}]}
+    answer = fp.Diagnosis(
+        "unexplained", (), (), SimpleNamespace(before=0.1, after=0.1), (), None, (), "", (), provenance=made,
+        posterior=case.known().posterior,
+    )  # fmt: skip
+    changed = dataclasses.replace(log, torque=1.001 * log.torque)
+    with pytest.raises(fp.InputError, match="The diagnosis belongs to a log, not to "):
+        fp.improve(changed, model, free=("controller",), diagnosis=answer)
+    with pytest.raises(fp.InputError, match="The diagnosis belongs to a log, not to "):
+        fp.plan(model, log=changed, diagnosis={"ranking": [], "provenance": made})
+    assert refuse_other_log(made, log, "it") == 0
+    assert refuse_other_log(made, log.with_further([changed]), "it") == 0
+    assert refuse_other_log(made, changed.with_further([log]), "it") == 0
+    other = {"inputs": [*made["inputs"], {"role": "fitted", "name": "b", "sha256": "y", "columns": "z"}]}
+    assert refuse_other_log(other, log, "it") == 1
 
 
 def test_the_diagnosis_beside_another_machine_is_refused(tmp_path):

@@ -4,6 +4,7 @@ import dataclasses
 import pathlib
 import warnings
 
+import equinox as eqx
 import jax
 import numpy as np
 import pytest
@@ -143,6 +144,18 @@ def test_plain_numbers_of_an_own_law_have_names_and_gradients():
 
 
 LOOP = fp.ClosedLoop(fp.OneMass(1.0, fp.NoFriction()), fp.Proportional(1.0))
+NOISY = fp.ClosedLoop(fp.OneMass(1.0, fp.NoFriction()), fp.Proportional(1.0), sensor=fp.Gyro(1e-3))
+NOISE = {
+    "references": fp.Constant(1.0), "dt": 1e-3, "samples": 5, "stepping": "sampled", "objective": "tracking",
+    "parameters": ["controller.kp"],
+}  # fmt: skip
+ROWS = jax.vmap(lambda _: LOOP.init())(np.ones(3))
+
+
+def with_level(coulomb):
+    return fp.ClosedLoop(fp.OneMass(1.0, fp.SmoothCoulomb(coulomb, 100.0)), fp.Proportional(1.0))
+
+
 BAD = {
     "a number for a loop": (lambda: fp.simulate(3), "simulate got int '3': give a ClosedLoop"),
     "a block for a loop": (lambda: fp.simulate(fp.NoFriction(), dt=1e-3), "got a NoFriction with no parameters"),
@@ -185,6 +198,41 @@ BAD = {
     "no substep": (lambda: fp.simulate(GIMBAL, substeps=0), "substeps = 0 must both be at least 1"),
     "no substep to tune with": (lambda: tuning.tune(GIMBAL, substeps=0), "substeps = 0"),
     "no substep to linearise": (lambda: fp.linearise(GIMBAL, substeps=0), "substeps = 0 must be at least 1"),
+    "an array for a parameter": (
+        lambda: fp.simulate(with_level([1.0, 2.0]), fp.Constant(1.0), dt=1e-3, samples=5),
+        r"got plant.friction.coulomb of the shape \(2,\): give one number",
+    ),
+    "an array for a parameter to tune beside": (
+        lambda: tuning.tune(
+            with_level([1.0]), fp.Constant(1.0), dt=1e-3, samples=5, objective="tracking", parameters=["controller.kp"]
+        ),
+        "got plant.friction.coulomb of the shape",
+    ),
+    "an array in a reference": (
+        lambda: fp.simulate(LOOP, fp.Sine([1.0, 2.0], 1.0), dt=1e-3, samples=5), "got reference.amplitude of the shape",
+    ),
+    "an array for a step": (lambda: fp.simulate(LOOP, fp.Constant(1.0), dt=np.ones(2), samples=5), "got ndarray"),
+    "no state": (lambda: fp.simulate(GIMBAL, initial={}), "initial is dict '{}': give loop.init()"),
+    "a state of another loop": (lambda: fp.simulate(GIMBAL, initial=LOOP.init()), "initial.controller has other parts"),
+    "a state of arrays": (
+        lambda: fp.simulate(LOOP, fp.Constant(1.0), dt=1e-3, samples=5, initial=ROWS),
+        "initial.plant has other parts than loop.init.*, or parts of other shapes",
+    ),
+    "a state of the other stepping": (
+        lambda: fp.simulate(
+            GIMBAL, stepping="continuous", solver="rk4", initial=fp.simulate(GIMBAL, samples=5).final_state
+        ),
+        "initial.period has other parts",
+    ),
+    "a number for a key": (lambda: fp.simulate(GIMBAL, key=3), r"key is int '3': give a jax.random key"),
+    "a seed below zero to tune": (lambda: tuning.tune(GIMBAL, seed=-1), "seed must be a whole number from 0 to .*-1"),
+    "half a seed to improve": (lambda: fp.improve("run.csv", GIMBAL, seed=0.5), "seed must be .*, got 0.5"),
+    "a seed below zero to plan": (lambda: fp.plan(GIMBAL, seed=-1), "seed must be a whole number"),
+    "a seed below zero of plants": (
+        lambda: tuning.population(LOOP, {"plant.inertia": 0.1}, count=2, seed=-1), "seed must be a whole number",
+    ),
+    "a seed below zero of noise": (lambda: tuning.tune(NOISY, **NOISE, noise_seeds=[-1]), "noise_seeds must be"),
+    "one number for seeds of noise": (lambda: tuning.tune(NOISY, **NOISE, noise_seeds=3), "a list of seeds.*got 3"),
     "nothing recorded": (
         lambda: fp.simulate(LOOP, fp.Constant(1.0), dt=1e-3, samples=5).plot(),
         "Nothing was recorded",
@@ -198,6 +246,17 @@ def test_bad_input_is_one_sentence(case):
     with pytest.raises(fp.InputError, match=sentence) as error:
         call()
     assert "\n" not in str(error.value)
+
+
+def test_arrays_and_states_under_vmap_are_single_numbers():
+    def last(coulomb, speed):
+        start = with_level(1.0).init()
+        start = eqx.tree_at(lambda at: at.plant.velocity, start, speed)
+        run = fp.simulate(with_level(coulomb), fp.Constant(0.0), dt=1e-3, samples=5, record="velocity", initial=start)
+        return run.signals["velocity"][-1]
+
+    both = jax.vmap(last)(jax.numpy.array([1.0, 2.0]), jax.numpy.array([3.0, 4.0]))
+    np.testing.assert_allclose(both, [last(1.0, jax.numpy.array(3.0)), last(2.0, jax.numpy.array(4.0))], rtol=1e-12)
 
 
 def test_the_fields_of_a_users_own_reference_are_its_own():

@@ -32,7 +32,8 @@ def provenance(
 
     Returns:
         `command`, `arguments`, `inputs` (a list of {name, role: "fitted", "withheld" or "model", sha256, of a log:
-        samples, windows_fitted, windows_withheld, and of the model: machine, its plant, actuator and sensor}),
+        columns (a hash of their numbers), samples, windows_fitted, windows_withheld, and of the model: machine, its
+        plant, actuator and sensor}),
         `windows` ({fitted, withheld, seconds}), `versions`, `started` (ISO 8601), `seeds`.
     """
     inputs = [_log(log, record) for log, record in zip(logs, records, strict=True)]
@@ -61,6 +62,7 @@ def _log(log: Log, record: Record) -> JsonObject:
         "name": log.name,
         "role": "withheld" if withheld == len(record.withheld) else "fitted",
         "sha256": getattr(log, "sha256", "") or columns_hash(log),
+        "columns": columns_hash(log),
         "samples": len(log.time),
         "windows_fitted": len(record.withheld) - withheld,
         "windows_withheld": withheld,
@@ -68,7 +70,7 @@ def _log(log: Log, record: Record) -> JsonObject:
 
 
 def columns_hash(log: Log) -> str:
-    """SHA-256 of a log that is not from a file: its columns as little-endian doubles, each after its name."""
+    """SHA-256 of a log's columns as little-endian doubles, each after its name."""
     digest = hashlib.sha256()
     for name in ("time", "torque", "velocity", "position", "reference"):
         column = getattr(log, name, None)
@@ -76,6 +78,41 @@ def columns_hash(log: Log) -> str:
             digest.update(name.encode())
             digest.update(column.astype("<f8").tobytes())
     return digest.hexdigest()
+
+
+def refuse_other_log(known: JsonObject, log: Log, name: str) -> int:
+    """Refuse a diagnosis of another log.
+
+    Args:
+        known: the diagnosis' `provenance`; an older one that does not say is not refused.
+        log: with which the diagnosis is to be used; its further stretches are parts of it.
+        name: of the diagnosis.
+
+    Returns:
+        How many of the logs that were diagnosed are others.
+
+    Raises:
+        InputError: where all of them are.
+    """
+    inputs = [entry for entry in known.get("inputs", ()) if isinstance(entry, dict)]
+    fitted = [entry for entry in inputs if entry.get("role") == "fitted"]
+    own = {columns_hash(one) for one in (log, *log.further)}
+    others = [entry for entry in fitted if not _is_of(entry, log, own, alone=len(fitted) == 1)]
+    if fitted and len(others) == len(fitted):
+        names = ", ".join(dict.fromkeys(str(entry.get("name")) for entry in fitted))
+        raise InputError(
+            f"{name} belongs to {names}, not to {log.name}: give the one of this log, or none to have it diagnosed."
+        )
+    return len(others)
+
+
+def _is_of(entry: JsonObject, log: Log, own: set[str], *, alone: bool) -> bool:
+    """Whether an entry of `inputs` is of a log, by its file or its columns; where neither is known, a lone one is."""
+    if log.sha256 and entry.get("sha256") == log.sha256:
+        return True
+    if "columns" in entry:
+        return entry["columns"] in own
+    return alone and not (log.sha256 and entry.get("sha256"))
 
 
 def refuse_other_machine(known: JsonObject, model: Model, name: str) -> None:
