@@ -183,7 +183,7 @@ def _run(argv: list[str]) -> int:
             near = difflib.get_close_matches(chosen, COMMANDS, n=1)
             hint = f"did you mean {near[0]!r}? There" if near else "there"
             raise InputError(f"there is no command {chosen!r}: {hint} are {', '.join(COMMANDS)}.")
-        arguments = make_parser(name).parse_args(argv)
+        arguments = make_parser(name).parse_args([_expanded(word) for word in argv])
         arguments.argv = ["fpjax", *argv]
         with warnings.catch_warnings():
             warnings.showwarning = _show_warning  # type: ignore[assignment]
@@ -210,6 +210,12 @@ def _run(argv: list[str]) -> int:
             f"FPJAX_TRACEBACK=1 shows.",
             1,
         )
+
+
+def _expanded(word: str) -> str:
+    """A word with "~" as the home folder: shells leave it in quotes, and behind the "=" of an option."""
+    option, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
+    return option + equals + os.path.expanduser(value)
 
 
 def _fail(name: str | None, sentence: str, code: int) -> int:

@@ -45,8 +45,13 @@ def add_log_options(parser: argparse.ArgumentParser) -> None:
         metavar="HZ",
         help="sample rate of a log without a time column, or of one too coarse to tell it",
     )
-    parser.add_argument("--from", dest="start", type=real, metavar="S", help="leave out rows before this log time [s]")
-    parser.add_argument("--to", dest="stop", type=real, metavar="S", help="leave out rows after this log time [s]")
+    parser.add_argument(
+        "--from", dest="start", type=real, metavar="S",
+        help="leave out rows before this log time [s], as its stamps count (dates since 1970, in UTC)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--to", dest="stop", type=real, metavar="S", help="leave out rows after this log time, likewise"
+    )
     parser.add_argument(
         "--every", type=whole, default=1, metavar="N", help="make one row of N: mean torque, motion of the first row"
     )

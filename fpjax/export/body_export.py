@@ -20,6 +20,7 @@ from ..logs.arrays import rms
 from ..logs.columns.units import is_label
 from ..model_file import Model
 from ..model_file.initial_state import initial_state
+from ..output.paths import expanded
 from ..output.runfile import made_folder, write_whole
 from ..simulation.loop import ClosedLoop
 from ..simulation.solvers import ExactSticking, get_solver
@@ -103,7 +104,7 @@ def _export(model: Model, folder: str | os.PathLike[str], log: Log | None, targe
         )
     else:
         text = urdf(body, name=stem, linear=model.linear)
-    folder = made_folder(pathlib.Path(folder).expanduser())
+    folder = made_folder(expanded(folder))
     file = folder / f"{stem}.{'xml' if target == 'mujoco' else 'urdf'}"
     write_whole(file, text)
     tracked = "position" if model.units.reference == "position" else "velocity"

@@ -12,6 +12,7 @@ from ..blocks.observers import NoObserver
 from ..blocks.references import AbstractReference, Sine
 from ..errors import InputError
 from ..model_file import Model, load_model
+from ..output.paths import expanded
 from ..output.runfile import made_folder, write_whole
 from .c_code import Code, unit_of, write_c
 from .c_test import EMBEDDED, test_program, vector_file, vector_header
@@ -85,7 +86,7 @@ def export_c(
     notes = _notes(model)
     law = trace_law(model.loop, model.dt, precision)
     code = write_c(law, name or _word(model), model.units, model.path.name if model.path else "a model")
-    folder = made_folder(pathlib.Path(folder).expanduser())
+    folder = made_folder(expanded(folder))
     files = _write(folder, {f"{code.name}_control.h": code.header, f"{code.name}_control.c": code.source})
     without: InputError | None = None
     if check:

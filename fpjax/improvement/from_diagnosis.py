@@ -4,7 +4,6 @@ import dataclasses
 import json
 import math
 import os
-import pathlib
 from collections.abc import Mapping, Sequence
 
 import equinox as eqx
@@ -20,6 +19,7 @@ from ..logs import Log
 from ..logs.checks.agreement import one_unit
 from ..model_file import Model, load_model
 from ..output.json_object import JsonObject
+from ..output.paths import expanded
 from ..output.runfile import refuse_unfinished
 from ..simulation.precision import double_precision
 
@@ -157,7 +157,7 @@ def known_in(folder: str | os.PathLike[str], log: Log, *, finished: bool = True,
     Raises:
         InputError: where there is no diagnosis, or one of another log, of another machine or of more than one log.
     """
-    folder = pathlib.Path(folder)
+    folder = expanded(folder)
     path = folder / RESULT
     if finished:
         refuse_unfinished(path)

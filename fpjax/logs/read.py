@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import FpjaxWarning, InputError
+from ..output.paths import expanded
 from .columns.clocks import other_clocks
 from .columns.headerless import described
 from .columns.mapping import (
@@ -21,6 +22,7 @@ from .columns.mapping import (
     missing_sentence,
     motion_of,
     parse_columns,
+    rates_without_angle,
     scale_of,
     torque_without_unit,
     without_unknown_sizes,
@@ -75,7 +77,7 @@ def read_log(
         name: for messages and pictures; None for the file's name.
         repair: without effect, accepted for old scripts: repairs are made by default.
         require: columns that must be there; "velocity or position" requires one of the two.
-        start: earliest time kept [s], in the log's own time; None for its beginning.
+        start: earliest time kept [s], in the log's own time (of dates since 1970, in UTC); None for its beginning.
         stop: latest time kept [s]; None for its end.
         take_every: number of rows that become one: the mean of the torque over them, the motion at the first.
         strict: refuse a log in which anything would have to be changed.
@@ -91,7 +93,7 @@ def read_log(
     _check_options(dt, start, stop, take_every)
     begin, end = -np.inf if start is None else start, np.inf if stop is None else stop
     if isinstance(source, str | os.PathLike):
-        path = pathlib.Path(source)
+        path = expanded(source)
         name = name or path.name
         table = read_table(path, Request(mapping, _wanted(mapping, name), begin, end))
     else:
@@ -109,7 +111,8 @@ def read_log(
     readable = {key for key, each in sources.items() if not (each.guessed and each.column in table.text)}
     _check_present(table, readable | ({"time"} if dt is not None else set()), ("time", *require), name)
     sources, unsized = without_unknown_sizes(sources, mapping, linear, name)
-    notes += unsized + torque_without_unit(sources, mapping, name) + _epoch(table, sources, name)
+    notes += unsized + torque_without_unit(sources, mapping, name) + rates_without_angle(sources, name)
+    notes += _epoch(table, sources, name)
     told = motion_of(sources)
     kind = linear if linear is not None else told
     found, label = _in_si(table, sources, kind, name)
@@ -178,7 +181,7 @@ def _check_options(dt: float | None, start: float | None, stop: float | None, ta
     if dt is not None and not (np.isfinite(dt) and dt > 0.0):
         raise InputError(f"dt must be a positive control period, got {dt:g} s; 0.001 s is usual.")
     if start is not None and stop is not None and not start < stop:
-        raise InputError(f"--from {start:g} must be before --to {stop:g}.")
+        raise InputError(f"--from {start:.13g} must be before --to {stop:.13g}.")
     if (start is not None and np.isnan(start)) or (stop is not None and np.isnan(stop)):
         raise InputError("--from and --to must be times in seconds, got a value that is not a number.")
     if take_every < 1:

@@ -5,6 +5,7 @@ import pathlib
 from ..blocks.references import AbstractReference, Chirp, Constant, Multisine, Recorded, Sine, Square, Triangle
 from ..errors import InputError
 from ..output.json_object import JsonObject, TomlTable
+from ..output.paths import expanded
 from .block_types import Form, form_for, form_of, pick
 from .keys import Key, Units, check_keys
 
@@ -75,7 +76,7 @@ def _recorded(table: TomlTable, folder: pathlib.Path | None, linear: bool) -> Re
     hold, columns = table.get("hold", True), table.get("columns")
     if not isinstance(hold, bool) or not isinstance(columns, str | None):
         raise InputError('[reference] hold must be true or false, and columns text such as "reference=qg:mm".')
-    path = pathlib.Path(table["file"]).expanduser()
+    path = expanded(table["file"])
     path = path if path.is_absolute() or folder is None else folder / path
     log = read_log(path, columns=columns, linear=linear or None, require=("reference",))
     assert log.reference is not None
@@ -100,7 +101,7 @@ def describe_reference(
                 "A recorded reference made in Python has no file: save it as a log, and write [reference] "
                 'type = "recorded" with file = "LOG.csv".'
             )
-        path = pathlib.Path(written["file"]).expanduser()
+        path = expanded(written["file"])
         if folder is None or path.is_absolute():
             return dict(written)
         return {**written, "file": str((folder / path).resolve())}

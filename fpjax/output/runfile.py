@@ -21,6 +21,7 @@ from typing import Any, BinaryIO
 from .._version import __version__
 from ..errors import InputError
 from .json_object import JsonObject
+from .paths import expanded
 
 RUN, MARK = "run.json", "run.unfinished"
 FINISHED = "finished.json"  # written last into a subfolder whose results are complete on their own
@@ -256,7 +257,7 @@ def open_folder(out: str | os.PathLike[str] | None) -> pathlib.Path | None:
         return None
     if not os.fspath(out):
         raise InputError("The folder of the results is an empty text: name one, or give . for this folder.")
-    folder = pathlib.Path(out).expanduser()
+    folder = expanded(out)
     probe = folder / f".fpjax-{os.getpid()}"
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -10,6 +10,7 @@ from typing import Any
 
 from ..errors import InputError
 from .json_object import JsonObject, TomlTable
+from .paths import expanded
 
 LARGEST = 20_000_000  # largest model file [bytes]: about a learned table of a million points
 
@@ -30,7 +31,7 @@ def read_source(source: str | os.PathLike[str]) -> tuple[str, pathlib.Path | Non
             f"A model cannot be read from {type(source).__name__} {str(source)[:40]!r}: give a Model "
             "(fpjax.load_model), or the path or the text of a servo.toml."
         )
-    path = pathlib.Path(source)
+    path = expanded(source)
     try:
         _check_regular(path)
         return path.read_bytes().decode("utf-8-sig", "strict" if path.suffix == ".toml" else "replace"), path

@@ -6,7 +6,6 @@ import dataclasses
 import json
 import math
 import os
-import pathlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -16,6 +15,7 @@ from ..gap.diagnosis import Diagnosis
 from ..gap.effects.twins import exact_twins
 from ..gap.effects.vocabulary import EFFECTS
 from ..output.json_object import JsonObject, TomlTable
+from ..output.paths import expanded
 from ..output.runfile import refuse_unfinished
 from .machines import Shop, Variant, reported, rival
 
@@ -57,7 +57,7 @@ def read_diagnosis(source: Any) -> JsonObject:
             "(fpjax.diagnose), its dictionary, or the --out folder of fpjax diagnose."
         )
     else:
-        path = pathlib.Path(source)
+        path = expanded(source)
         path = path / "diagnosis.json" if path.is_dir() else path
         refuse_unfinished(path)
         name = str(path)

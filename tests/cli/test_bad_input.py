@@ -28,6 +28,18 @@ def test_missing_and_broken_files(servo, tmp_path, capsys):
     refuse(capsys, "simulate", binary, match="cannot be read")
 
 
+def test_a_home_that_no_shell_has_put_in_is_found(servo, tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert servo.parent == tmp_path
+    assert fpjax.load_model("~/servo.toml").dt == fpjax.load_model(servo).dt
+    run("simulate", "~/servo.toml", "--duration", "0.01", "--no-plots", "--out=~/made")
+    assert (tmp_path / "made" / "run.json").exists()
+    with pytest.raises(fpjax.InputError, match=f"{tmp_path}/log.csv does not exist"):
+        fpjax.read_log("~/log.csv")
+    with pytest.raises(fpjax.InputError, match=r"~nobody-here/log\.csv does not exist"):
+        fpjax.read_log("~nobody-here/log.csv")
+
+
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes on this system")
 @pytest.mark.timeout(60)
 def test_a_model_that_has_no_end_is_refused_and_not_waited_for(tmp_path, capsys):

@@ -55,6 +55,11 @@ def test_a_run_draws_itself_and_becomes_a_frame(run, tmp_path):
     assert isinstance(frame, pandas.DataFrame)
     assert frame.index.name == "time"
     assert len(frame) == 2001
+    log = fp.read_log(frame)
+    np.testing.assert_array_equal(log.torque, run.signals["torque"])
+    np.testing.assert_array_equal(fp.read_log(log.to_dataframe()).position, log.position)
+    with pytest.raises(fp.InputError, match=r"made of Run: give .* its to_dataframe"):
+        fp.diagnose(run, GIMBAL)
 
 
 def test_a_log_and_its_estimation(run, tmp_path):

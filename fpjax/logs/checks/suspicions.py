@@ -31,6 +31,7 @@ CLIPPED = 0.005  # share of the samples at an extreme
 FEW_LEVELS = 8  # different values: with so few the column is a relay's or a staircase command, not limited
 REPEATED = 0.002  # share of the samples that repeat the one before
 RESTING = 0.05  # of the speed that a hundredth of the rows exceed
+FOLLOWED = 0.8  # correlation of a motion with its reference
 FEWEST_AT_REST = 16  # [samples] of one torque: a reading that is not renewed lasts a few periods
 LATE = 0.02  # of a period: the stamps of drives and buses with clocks of their own jitter by less
 MOST_ROWS = 400_000  # [samples]: a longer log is judged by its middle
@@ -69,7 +70,7 @@ def _found(log: Log, model: Expected | None) -> list[Suspicion]:
             position_against_velocity(log, present),
             _whole_numbers(log, present),
             torque_against_motion(log, present, model),
-            _velocity_against_reference(log, present),
+            _against_reference(log, present),
         ):
             seen = list(look)
             found += seen
@@ -286,24 +287,39 @@ def _magnitude(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
     )
 
 
-def _velocity_against_reference(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
-    """Unit of a velocity from the reference, for logs without a position; needs a reference that is followed."""
+def _against_reference(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
+    """Unit of a reference that is followed, beside that of the motion; of the velocity where no position shows it."""
     reference = _values(log.reference)
-    if "position" in columns or "velocity" not in columns or reference is None or not np.all(np.isfinite(reference)):
+    if reference is None or not np.all(np.isfinite(reference)):
         return
     half = max(1, min(round(0.01 / log.dt), len(reference) // 20))
-    velocity, wanted = (local_polynomial(each, half, degree=1) for each in (columns["velocity"], _middle(reference)))
-    size, power = float(wanted @ wanted), float(velocity @ velocity)
-    if size == 0.0 or power == 0.0 or float(velocity @ wanted) < 0.8 * np.sqrt(size * power):
+    wanted, found = local_polynomial(_middle(reference), half, degree=1), []
+    for name in ("velocity", "position"):
+        if name in columns:
+            # only changes of a position: it counts from anywhere
+            pair = np.stack([local_polynomial(columns[name], half, degree=1), wanted])
+            motion, asked = pair - pair.mean(axis=1, keepdims=True) if name == "position" else pair
+            power, size = float(motion @ motion), float(asked @ asked)
+            if size > 0.0 and power > 0.0:
+                found.append((float(motion @ asked) / np.sqrt(size * power), np.sqrt(power / size), name))
+    together, ratio, name = max(found, default=(0.0, 1.0, ""))
+    if together < FOLLOWED:
         return
-    ratio = float(np.sqrt(power / size))
-    named = unit_of(ratio, linear=log.linear)
-    if named:
+    named, other = (unit_of(factor, linear=log.linear) for factor in (ratio, 1.0 / ratio))
+    if named and "position" not in columns:
         yield Suspicion(
             f"velocity looks like {named}: {ratio:.3g} x the reference; give its unit, such as --columns "
             f"velocity=NAME:{named}.",
             "warn",
             "unit",
+        )
+    elif other and not (name == "position" and other == "rpm"):  # no angle is counted in rpm
+        unit = other if name == "velocity" else other.removesuffix("/s")
+        yield Suspicion(
+            f"the reference looks like {unit}: {1.0 / ratio:.3g} x the {name}; give its unit, such as --columns "
+            f"reference=NAME:{unit}.",
+            "warn",
+            "scale",
         )
 
 

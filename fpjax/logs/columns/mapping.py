@@ -9,7 +9,7 @@ from typing import NamedTuple
 from ...errors import InputError
 from .axes import about_axis, axis_of, choose_axis, choose_owner, has, numbered, of_owner
 from .names import MOTIONS, TORQUES, WEAK, Guess, bracket_unit, guess
-from .units import QUANTITIES, find_unit, parse_unit
+from .units import PER_SECOND, QUANTITIES, find_unit, parse_unit
 
 CANONICAL = tuple(QUANTITIES)
 PRESETS = {
@@ -340,6 +340,16 @@ def torque_without_unit(sources: Mapping[str, Source], mapping: Mapping[str, str
         f"{where}: {torque.column!r} has no unit and was read in N m, beside {drive.column!r} in {drive.unit}: many "
         f"drives record per cent of their rated torque; then say so with --columns torque={torque.column}:%, or "
         f"with N m for one of them, such as torque={torque.column}:%*0.024."
+    ]
+
+
+def rates_without_angle(sources: Mapping[str, Source], where: str) -> list[str]:
+    """A sentence for each speed in 1/s, which was read in rad/s: some drives count turns so."""
+    return [
+        f"{where}: {source.column!r} is in {source.unit} and was read in rad/s; where it counts turns say so with "
+        f"--columns {name}={bracket_unit(source.column)[0]}:rev/s."
+        for name, source in sources.items()
+        if name in ("velocity", "reference") and re.sub(r"\s", "", source.unit or "") in PER_SECOND
     ]
 
 

@@ -55,7 +55,9 @@ UNITS: dict[str, Unit] = {
     **{name: Unit(quantity, factor) for quantity, names in _TABLE.items() for name, factor in names.items()},
     **{name: Unit("label", factor, label) for name, (label, factor) in _LABELS.items()},
 }
+PER_SECOND = ("1/s", "s-1", "s^-1", "s⁻¹")  # of a speed: rad/s in SI, but some drives count turns
 _SPELLINGS = {
+    **dict.fromkeys(PER_SECOND, "rad/s"),
     "°": "deg", "°/s": "deg/s", "degree": "deg", "degrees": "deg", "grad": "deg", "radian": "rad", "radians": "rad",
     "µm": "um", "µs": "us", "μm": "um", "μs": "us", "µm/s": "um/s", "newton": "N", "in": "inch", "meter": "m",
     "meters": "m", "metre": "m", "metres": "m",
@@ -64,7 +66,7 @@ _SPELLINGS = {
     "tr/min": "rpm", "r/min": "rpm", "turn": "rev", "turns": "rev", "revolutions": "rev", "revs": "rev", "u": "rev",
     "umdr": "rev", "rotation": "rev", "rotations": "rev", "rot": "rev", "rotations/s": "rev/s", "rot/s": "rev/s",
     "turns/s": "rev/s", "turn/s": "rev/s", "turns/min": "rpm", "revolutions/s": "rev/s",
-    "degs": "deg/s", "degrees/s": "deg/s", "rads": "rad/s", "radians/s": "rad/s", "s-1": "rad/s", "1/s": "rad/s",
+    "degs": "deg/s", "degrees/s": "deg/s", "rads": "rad/s", "radians/s": "rad/s",
     "sec": "s", "secs": "s", "second": "s", "seconds": "s", "sekunden": "s", "sek": "s", "msec": "ms",
     "millis": "ms", "milliseconds": "ms", "usec": "us", "micros": "us", "microseconds": "us", "nanoseconds": "ns",
     "nsec": "ns", "minutes": "min", "c": "degC", "°c": "degC", "celsius": "degC", "count": "counts", "cnt": "counts",
@@ -74,7 +76,7 @@ _SPELLINGS = {
     "ticks/s": "counts/s", "inc/s": "counts/s", "count/s": "counts/s", "pulses/s": "counts/s",
     "cnt/s": "counts/s", "cts/s": "counts/s", "pulse/s": "counts/s",
     "ink/s": "counts/s", "lbin": "lbfin", "inlb": "lbfin", "inlbf": "lbfin", "lbft": "lbfft", "ftlb": "lbfft",
-    "ftlbf": "lbfft", "inoz": "ozin", "kgcm": "kgfcm", "min⁻¹": "rpm", "s⁻¹": "rad/s", "rad.s-1": "rad/s",
+    "ftlbf": "lbfft", "inoz": "ozin", "kgcm": "kgfcm", "min⁻¹": "rpm", "rad.s-1": "rad/s",
     "aeff": "Arms", "apk": "A", "permille": "‰", "promille": "‰",
 }  # fmt: skip
 _CASED = ("mn", "mnm", "k", "a", "v", "mv", "ma")  # in another case they are another unit (MN) or a word

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...errors import InputError
-from ..mending.clock import TIME_UNITS, since_1970
+from ..mending.clock import TIME_UNITS, check_window, since_1970
 from .cell_numbers import has_decimal_point, number, thousands
 from .csv_blocks import has_blocks
 from .csv_blocks import read as read_blocks
@@ -88,6 +88,8 @@ class _Gathered:
     rows: int = 0
     broken: int = 0  # rows of another width than the header
     first_broken: str = ""
+    kept: int = 0  # rows within the part of the time that is wanted
+    span: tuple[float, float] = (np.inf, -np.inf)  # first and last time of the file [s]
 
 
 def _read(stream: Iterator[str], path: pathlib.Path, layout: Layout, request: Request) -> RawTable:
@@ -112,10 +114,15 @@ def _read(stream: Iterator[str], path: pathlib.Path, layout: Layout, request: Re
             stamps = values[:, chosen.index(names.index(time))] * factor
             stamps = stamps * TIME_UNITS.get(since_1970(stamps), 1.0)
             values = values[(stamps >= request.start) & (stamps <= request.stop)]
+            found.kept += len(values)
+            if (read := stamps[np.isfinite(stamps)]).size:
+                found.span = min(found.span[0], read.min()), max(found.span[1], read.max())
         if values.size:
             found.pieces.append(values)
     if found.rows == 0:
         raise InputError(f"{path.name} has a header and no rows: record it again, or name another file.")
+    if request.cuts and time and found.kept < found.rows:
+        check_window(found.kept, found.span, path.name)
     if layout.headless and found.rows < FEW_ROWS < len(names):
         raise InputError(
             f"{path.name} has {len(names)} cells a line and {found.rows} line{'s' * (found.rows > 1)} of them: a log "

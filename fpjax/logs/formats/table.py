@@ -174,7 +174,7 @@ def need(module: str, path: pathlib.Path) -> Any:
 
 
 def from_arrays(data: NamedArrays) -> RawTable:
-    """Columns of a DataFrame (pandas, polars), a pyarrow table or a mapping of arrays.
+    """Columns of a DataFrame (pandas, with a named index; polars), a pyarrow table or a mapping of arrays.
 
     Raises:
         InputError: for an object of another kind.
@@ -182,10 +182,13 @@ def from_arrays(data: NamedArrays) -> RawTable:
     names = getattr(data, "column_names", None) or list(getattr(data, "keys", tuple)()) or None
     if names is None or not hasattr(data, "__getitem__"):
         raise InputError(
-            f"A log cannot be made of {type(data).__name__}: give a path, a DataFrame, or a dict of arrays such as "
-            f'{{"time": t, "torque": u, "velocity": w}}.'
+            f"A log cannot be made of {type(data).__name__}: give a path, a DataFrame (of a run: its to_dataframe()), "
+            f'or a dict of arrays such as {{"time": t, "torque": u, "velocity": w}}.'
         )
     columns, text = {}, {}
+    index: Any = getattr(data, "index", None)
+    if (named := getattr(index, "name", None)) is not None and named not in names:
+        add_column(columns, text, str(named), np.asarray(index))
     for name in names:
         try:
             values = np.asarray(data[name])

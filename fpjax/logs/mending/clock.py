@@ -76,6 +76,25 @@ class Rows:
     left: list[np.ndarray]
 
 
+def check_window(rows: int, span: tuple[float, float], name: str) -> None:
+    """Refuse a part of a log that is too short.
+
+    Args:
+        rows: in the part.
+        span: first and last time of the whole log [s].
+        name: of the log, for messages.
+
+    Raises:
+        InputError: for such a part.
+    """
+    if rows < SHORTEST:
+        dated = " since 1970, in UTC" if span[0] >= EPOCH[0] else ""
+        raise InputError(
+            f"{name}: --from and --to leave {rows} rows, where at least {SHORTEST} are needed: it runs from "
+            f"{span[0]:.13g} to {span[1]:.13g} s{dated}."
+        )
+
+
 def in_order(time: np.ndarray, name: str, first_row: int, notes: list[str], dt: float | None = None) -> Rows:
     """Increasing stamps: repeated rows dropped, late rows sorted, the longest run taken where time runs backwards.
 
@@ -100,6 +119,8 @@ def in_order(time: np.ndarray, name: str, first_row: int, notes: list[str], dt: 
             f"{name}: {bad.sum()} rows without a time were dropped (first in row {np.argmax(bad) + first_row})."
         )
         time = time[chosen]
+    if (np.diff(time) < 0.0).any():
+        time = _over_midnight(time, name, first_row, notes)
     steps = np.diff(time)
     if (steps < 0.0).any():
         order = np.argsort(time, kind="stable")
@@ -115,9 +136,9 @@ def in_order(time: np.ndarray, name: str, first_row: int, notes: list[str], dt: 
             runs = longest_first(np.concatenate([[0], ends, [time.size]]))
             begin, end = runs[0].start, runs[0].stop
             notes.append(
-                f"{name}: time runs backwards in {_rows(ends, first_row)} (from {time[ends[0] - 1]:g} s to "
-                f"{time[ends[0]]:g} s), as in several runs joined together: the longest, rows {begin + first_row} to "
-                f"{end - 1 + first_row}, was taken."
+                f"{name}: time runs backwards in {_rows(ends, first_row)} (from {time[ends[0] - 1]:.10g} s to "
+                f"{time[ends[0]]:.10g} s), as in several runs joined together: the longest, rows {begin + first_row} "
+                f"to {end - 1 + first_row}, was taken."
             )
             known = np.arange(time.size) if chosen is None else chosen
             left = [known[run] for run in runs[1:]]
@@ -149,6 +170,20 @@ def in_order(time: np.ndarray, name: str, first_row: int, notes: list[str], dt: 
             )
         )
     return Rows(chosen, time, left)
+
+
+def _over_midnight(time: np.ndarray, name: str, first_row: int, notes: list[str]) -> np.ndarray:
+    """Stamps that are times of day, a day later after each midnight: there they fall back by a day less a period."""
+    steps = np.diff(time)
+    usual = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
+    after = (steps < 0.0) & (steps + DAY >= 0.0) & (steps + DAY <= (LONGEST_FILLED + 1) * usual)
+    if not after.any() or time.min() < 0.0 or time.max() > DAY:
+        return time
+    notes.append(
+        f"{name}: its stamps are times of day that pass midnight after row {np.argmax(after) + first_row}: a day was "
+        "added to those after it."
+    )
+    return time + DAY * np.concatenate([[0.0], np.cumsum(after)])
 
 
 def _in_days(time: np.ndarray) -> bool:
@@ -242,16 +277,15 @@ def longest_stretch(
         return slice(0, time.size), []
     best, *others = longest_first(np.unique(np.concatenate([[0], ends, [time.size]])), unread)
     at = int(ends[np.argmax(steps[ends - 1])])
-    cause = f"time jumps by {steps[at - 1]:.4g} s after row {at - 1 + first_row} (t = {time[at - 1]:g} s)"
+    cause = f"time jumps by {steps[at - 1]:.4g} s after row {at - 1 + first_row} (t = {time[at - 1]:.10g} s)"
     if unread is not None and unread.any() and not wide.any():
         cause = f"nothing was read in {_count(int(unread.sum()), 'row')} (first {np.argmax(unread) + first_row})"
     left = time.size - (best.stop - best.start)
-    rest = (
-        "" if left < early + 1 else f"; for another one use --from and --to ({time[0]:g} to {time[-1]:g} s are there)"
-    )
+    there = f"{time[0]:.10g} to {time[-1]:.10g} s are there"
+    rest = "" if left < early + 1 else f"; for another one use --from and --to ({there})"
     notes.append(
-        f"{name}: {cause}, so the log was cut there and its longest stretch taken, {time[best.start]:g} to "
-        f"{time[best.stop - 1]:g} s, without {_count(left, 'row')}{rest}."
+        f"{name}: {cause}, so the log was cut there and its longest stretch taken, {time[best.start]:.10g} to "
+        f"{time[best.stop - 1]:.10g} s, without {_count(left, 'row')}{rest}."
     )
     return best, others
 

@@ -12,6 +12,7 @@ SMALLEST = 1e-60  # [SI units]: products of such values underflow to zero
 ABSURD = 1e6  # times the column's 99 % quantile
 FEW = 0.01  # share of the rows: with more, the whole column is wrong and is refused
 LEAST_MARKED = 3  # rows: a number that marks what was not read comes again
+MOST_MARKS = 4  # different ones in a column
 MARKED = 5.0  # times the largest of the other values: no saturated sensor is so far from its other readings
 MOST_MARKED = 0.5  # of the rows
 FEW_OTHERS = 10  # values: a column of so few is a command of steps
@@ -62,27 +63,34 @@ def without_absurd(values: np.ndarray, column: str, name: str, first_row: int, n
 
 
 def _marked(values: np.ndarray, column: str, name: str, first_row: int) -> list[str]:
-    """A sentence where one number, far from all others, comes again and again: a drive's mark for no reading.
+    """A sentence where numbers, far from all others, come again and again: a drive's marks for no reading.
 
     Nothing is dropped for it, since a command may have two such levels. A column that takes no more than a few other
     values is not looked at.
     """
     size = np.where(np.isfinite(values), np.abs(values), -1.0)
-    mark = float(values[np.argmax(size)])
-    marked = values == mark
-    count, others = int(marked.sum()), size[~marked & (size >= 0.0)]
-    if not LEAST_MARKED <= count <= MOST_MARKED * values.size or not others.size:
-        return []
-    largest = float(others.max())
+    tried, marks, largest = list[float](), list[float](), 0.0
+    # The largest values are taken away one by one, since a mark hides behind a larger one: those that leave much
+    # smaller ones alone are marks.
+    while len(tried) < MOST_MARKS:
+        mark = float(values[np.argmax(size)])
+        if np.sum(values == mark) < LEAST_MARKED:
+            break
+        tried.append(mark)
+        size[values == mark] = -1.0
+        if abs(mark) > MARKED * size.max() > 0.0:
+            marks, largest = list(tried), float(size.max())
+    marked = np.isin(values, marks)
+    others = values[~marked & np.isfinite(values)]
     steps = np.unique(others[:: max(1, others.size // 1000)]).size <= FEW_OTHERS
-    if steps or not abs(mark) > MARKED * largest > 0.0:
+    if not marks or np.mean(marked) > MOST_MARKED or steps:
         return []
     first = np.argmax(marked) + first_row
     return [
         Doubt(
-            f"{name}: {column} is {mark:.6g} (in SI units) in {count} rows (first in row {first})"
-            f" and at most {largest:.3g} elsewhere: is it a drive's mark for no reading, a limit or a step? "
-            "Where it is a mark, leave those cells empty."
+            f"{name}: {column} is {' or '.join(f'{mark:.6g}' for mark in marks)} (in SI units) in {marked.sum()} rows "
+            f"(first in row {first}) and at most {largest:.3g} elsewhere: is it a drive's mark for no reading, a limit "
+            "or a step? Where it is a mark, leave those cells empty."
         )
     ]
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from ...errors import InputError
 from ..noise import rounding_step
-from .clock import LONGEST_FILLED, PARTS, SHORTEST, in_order, longest_stretch, read_clock
+from .clock import LONGEST_FILLED, PARTS, SHORTEST, check_window, in_order, longest_stretch, read_clock
 from .invalid_values import filled, unread_rows, without_absurd
 from .resample import HELD, Uniform, to_grid
 from .wrapping import find_wrapping
@@ -74,12 +74,8 @@ def stretches(
     rows = np.arange(time.size)
     if np.isfinite(window).any():
         rows = np.flatnonzero((time >= window[0]) & (time <= window[1]))
-        if rows.size < SHORTEST:
-            # The reader of a large file skips the rows outside, so the length of the whole log is not known then.
-            whole = f": it runs from {np.nanmin(time):g} to {np.nanmax(time):g} s" if rows.size < time.size else ""
-            raise InputError(
-                f"{name}: --from and --to leave {rows.size} rows, where at least {SHORTEST} are needed{whole}."
-            )
+        if rows.size < time.size:
+            check_window(rows.size, (np.nanmin(time), np.nanmax(time)), name)
     first, left = _longest(columns, extra, rows, name, first_row, dt, linear)
     if first.wrapped:
         return [first]

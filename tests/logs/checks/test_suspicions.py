@@ -335,6 +335,22 @@ def test_a_velocity_is_held_against_its_reference_where_there_is_no_position(log
     assert "x the reference" in found[0].sentence
 
 
+@pytest.mark.parametrize(("unit", "factor"), [("rpm", 30.0 / np.pi), ("deg/s", DEGREES), ("rev/s", 0.5 / np.pi)])
+@pytest.mark.parametrize("change", [lambda log: log, without_position])
+def test_a_reference_in_another_unit_than_the_velocity_is_told_and_contradicts_nothing(log, unit, factor, change):
+    (found,) = suspicions(dataclasses.replace(change(log), reference=factor * log.reference), BODY)
+    assert (found.severity, found.kind) == ("warn", "scale")
+    assert f"the reference looks like {unit}: " in found.sentence
+    assert "x the velocity" in found.sentence
+    assert f"--columns reference=NAME:{unit}." in found.sentence
+
+
+def test_a_reference_in_another_unit_than_the_position_is_told(log):
+    (found,) = suspicions(dataclasses.replace(log, reference=DEGREES * (log.position + 3.0)), BODY)
+    assert "reference looks like deg: 57.3 x the position" in found.sentence
+    assert suspicions(dataclasses.replace(log, reference=log.position + 3.0), BODY) == []
+
+
 def test_a_compensation_that_the_torque_column_leaves_out(log):
     less = log.torque - 0.8 * np.sign(log.velocity)
     found = suspicions(dataclasses.replace(log, torque=less), None)

@@ -58,6 +58,33 @@ def test_moments(cell, value):
     assert number(cell, comma=False) == number(cell, comma=True) == value
 
 
+def test_a_part_of_dated_rows_that_is_none_says_where_they_are(tmp_path):
+    lines = [f"28.11.2026 23:00:{0.01 * k:06.3f},{k % 7},{k % 5}" for k in range(300)]
+    (tmp_path / "log.csv").write_text("\n".join(["timestamp,torque,velocity", *lines]))
+    with pytest.raises(InputError, match=r"leave 0 rows.* from 1795906800 to 1795906802\.99 s since 1970, in UTC"):
+        read_log(tmp_path / "log.csv", start=1.0, stop=2.0)
+    assert len(read_log(tmp_path / "log.csv", start=1795906801.0)) == 200
+
+
+@pytest.mark.parametrize("lost", [0, 5])
+def test_times_of_day_go_on_after_midnight(tmp_path, lost):
+    seconds = [(86398.0 + 0.01 * k) % 86400.0 for k in range(400) if not 200 <= k < 200 + lost]
+    stamps = [f"{int(at // 3600):02d}:{int(at // 60) % 60:02d}:{at % 60:06.3f}" for at in seconds]
+    rows = [f"{stamp},{k % 7},{k % 5}" for k, stamp in enumerate(stamps)]
+    (tmp_path / "log.csv").write_text("\n".join(["timestamp,torque,velocity", *rows]))
+    log = read_log(tmp_path / "log.csv")
+    assert (len(log), log.time[0], len(log.further)) == (400, 86398.0, 0)
+    assert any("pass midnight after row 201" in each for each in log.warnings)
+
+
+@pytest.mark.parametrize("first", [4000.0, 86000.0])
+def test_a_time_that_starts_anew_is_no_midnight(first):
+    time = np.concatenate([first + 0.01 * np.arange(300), 0.01 * np.arange(200)])
+    log = read_log({"time": time, "torque": np.sin(time), "velocity": np.cos(7 * time)})
+    assert len(log) == 300
+    assert any("runs backwards" in each for each in log.warnings)
+
+
 def test_words_in_the_time_column_are_one_sentence(tmp_path):
     (tmp_path / "log.csv").write_text("timestamp,torque,velocity\n" + "soon,1,2\n" * 50)
     with pytest.raises(InputError, match="no column time"):

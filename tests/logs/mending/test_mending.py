@@ -134,6 +134,20 @@ def test_what_is_noticed_and_not_changed_is_not_refused_by_strict(columns):
     assert any("mark for no reading" in each for each in log.warnings)
 
 
+@pytest.mark.parametrize("marks", [(-9999.0, 32767.0), (-9999.0, -9998.0), (-999.0, 32767.0)])
+def test_no_mark_for_no_reading_hides_behind_another(columns, marks):
+    for place, mark in enumerate(marks):
+        columns["velocity"][7 + 2 * place :: 67] = mark
+    said = " ".join(read_log(columns).warnings)
+    assert all(f"{mark:.6g}" in said for mark in marks)
+    assert "mark for no reading" in said
+
+
+def test_two_limits_of_a_signal_are_no_marks(columns):
+    columns["torque"] = np.clip(5.0 * columns["torque"], -1.0, 1.2)
+    assert not any("mark for no reading" in each for each in read_log(columns).warnings)
+
+
 def test_a_few_seconds_of_stamps_of_whole_seconds_tell_the_period_where_they_agree():
     true = 0.5 + 1e-3 * np.arange(3800)
     log = read_log({"time": np.floor(true), "torque": np.sin(true), "velocity": np.cos(9 * true)})
@@ -198,6 +212,7 @@ def test_from_to_and_every(columns):
     ("options", "sentence"),
     [
         ({"start": 5.0, "stop": 6.0}, "leave 0 rows.*it runs from 0 to 0.199 s"),
+        ({"start": 0.0, "stop": 0.0101}, "leave 11 rows"),
         ({"start": 2.0, "stop": 1.0}, "--from 2 must be before --to 1"),
         ({"take_every": 0}, "must be a whole number of rows"),
         ({"take_every": 50}, "leaves 4 rows"),
