@@ -21,7 +21,8 @@ from ..blocks.references import AbstractReference
 from ..compiled.programs import jit_by
 from ..errors import InputError
 from ..output.json_object import JsonObject, TomlTable
-from ..simulation.histories import usual_largest, with_histories, with_history
+from ..simulation.histories import usual_largest, with_histories
+from ..simulation.input_checks import check_one_run, checked_initial
 from ..simulation.loop import ClosedLoop, LoopState
 from ..simulation.scan import Inputs, Stepper, Stepping, loop_dtype, make_inputs, make_stepper, roll
 from ..simulation.solvers import AbstractPlantSolver
@@ -127,13 +128,14 @@ def identify(
         ]
         high = np.minimum(high, most)
         tree["loop"] = with_histories(loop, float(dt), dict(zip(names, high.tolist(), strict=True)))
-        initial = None if initial is None else with_history(initial, tree["loop"])
     table = _measured(measured)
     samples = len(next(iter(table.values())))
     sigma = _sigma(table, noise)
     stepper = make_stepper(
         dt=dt, samples=samples, solver=solver, stepping=stepping, substeps=substeps, checkpoint="none"
     )
+    check_one_run(loop, reference, stepper)
+    initial = None if initial is None else checked_initial(initial, tree["loop"], stepping)
     dtype = loop_dtype(loop)
     problem = _Problem(
         tree=tree,

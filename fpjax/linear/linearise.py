@@ -16,7 +16,8 @@ from ..blocks.references import AbstractReference, Constant, Recorded
 from ..blocks.sensors import AbstractSensor
 from ..blocks.signals import Motion
 from ..errors import InputError
-from ..simulation.histories import with_histories, with_history
+from ..simulation.histories import with_histories
+from ..simulation.input_checks import checked_initial
 from ..simulation.loop import ClosedLoop, LoopState
 from ..simulation.precision import double_precision
 from ..simulation.run import simulate
@@ -121,7 +122,7 @@ def _linearised(
     else:
         if reference is None:
             raise InputError("A state needs its reference too: give reference= [rad/s] (or [rad] for a position loop).")
-        state, value = with_history(at, loop), float(reference)
+        state, value = checked_initial(at, loop, stepping, "at"), float(reference)
         output = loop.plant.readout(state.plant, zero, zero)
         speed = float(output.velocity)
     if stepping == "sampled":

@@ -19,6 +19,7 @@ from ..blocks.plants import AbstractPlant
 from ..blocks.references import AbstractReference, Constant
 from ..blocks.sensors import AbstractSensor
 from ..errors import InputError
+from .histories import with_history
 from .loop import ClosedLoop, LoopState
 from .scan import Stepper, Stepping, advance, make_inputs
 
@@ -79,7 +80,7 @@ def check_one_run(loop: ClosedLoop, reference: AbstractReference, stepper: Stepp
     def step() -> tuple[PyTree, PyTree, PyTree]:
         now = jax.tree.map(lambda table: table[0], make_inputs(loop, Constant(0.0), stepper))
         before = loop.sampled(loop.init()) if stepper.stepping == "sampled" else loop.init()
-        return before, *advance(loop, before, now, now.time, stepper)
+        return before, *advance(loop, before, now, now.time, stepper)  # a time as dt: only shapes count
 
     def value() -> tuple[PyTree, PyTree, PyTree]:
         return (), (), reference.readout(jnp.zeros(()))
@@ -106,26 +107,28 @@ def check_one_run(loop: ClosedLoop, reference: AbstractReference, stepper: Stepp
             ) from why
 
 
-def check_initial(initial: Any, loop: ClosedLoop, stepping: Stepping) -> None:
-    """Refuse a state to start from that is not one of this loop.
+def checked_initial(initial: Any, loop: ClosedLoop, stepping: Stepping, name: str = "initial") -> LoopState:
+    """A state to start from, its histories as long as the loop's.
 
     Args:
         initial: the state.
         loop: the closed loop.
         stepping: of the run; a sampled one makes the memory of its period by itself.
+        name: of the argument, for the message.
 
     Raises:
         InputError: for another kind of object, and for a state of other blocks or shapes.
     """
     advice = "give loop.init() with your numbers in it, or the final_state of such a run of this loop."
     if not isinstance(initial, LoopState):
-        raise InputError(f"initial is {shown(initial)}: {advice}")
-    rest = loop.init()
-    for name in [*(name for name, _, _ in _BLOCKS), *(["period"] if stepping == "continuous" else [])]:
-        if _form(getattr(initial, name)) != _form(getattr(rest, name)):
+        raise InputError(f"{name} is {shown(initial)}: {advice}")
+    initial, rest = with_history(initial, loop), loop.init()
+    for part in [*(part for part, _, _ in _BLOCKS), *(["period"] if stepping == "continuous" else [])]:
+        if _form(getattr(initial, part)) != _form(getattr(rest, part)):
             raise InputError(
-                f"initial.{name} has other parts than loop.init().{name}, or parts of other shapes: {advice}"
+                f"{name}.{part} has other parts than loop.init().{part}, or parts of other shapes: {advice}"
             )
+    return initial
 
 
 def _form(state: PyTree) -> tuple[Any, list[tuple[int, ...]]]:

@@ -20,8 +20,8 @@ from ..output.drawable import Drawable
 from ..output.json_object import JsonObject
 from ..output.run_picture import About
 from .divergence import LARGEST, in_proportion
-from .histories import with_histories, with_history
-from .input_checks import check_frequency, check_initial, check_one_run, shown
+from .histories import with_histories
+from .input_checks import check_frequency, check_one_run, checked_initial, shown
 from .loop import ClosedLoop, LoopState
 from .metrics import AbstractMeasure
 from .scan import Stepper, Stepping, make_inputs, make_stepper, roll
@@ -193,11 +193,9 @@ def simulate(
         if stepping == "sampled":
             _check_periods(loop, float(dt))
             loop = with_histories(loop, float(dt))
-            initial = with_history(initial, loop) if isinstance(initial, LoopState) else initial
         warn_if_stiff(loop, float(dt) / (substeps if stepping == "sampled" else 1), stepper.solver)
     check_one_run(loop, reference, stepper)
-    if initial is not None:
-        check_initial(initial, loop, stepping)
+    initial = None if initial is None else checked_initial(initial, loop, stepping)
     run = _run(loop, reference, stepper, measures or {}, names, initial, key)
     if throw and run.diverged:
         raise DivergedError(f"The run {run.message}.")

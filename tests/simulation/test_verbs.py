@@ -229,6 +229,19 @@ BAD = {
         ),
         "initial.period has other parts",
     ),
+    "no state to identify from": (
+        lambda: fp.identify(LOOP, fp.Constant(1.0), {"velocity": np.ones(5)}, ["plant.inertia"], dt=1e-3, initial={}),
+        "initial is dict",
+    ),
+    "an array beside what is identified": (
+        lambda: fp.identify(
+            with_level([1.0]), fp.Constant(1.0), {"velocity": np.ones(5)}, ["plant.inertia"], dt=1e-3
+        ),
+        "got plant.friction.coulomb of the shape",
+    ),
+    "a state of another loop to linearise at": (
+        lambda: fp.linearise(GIMBAL, LOOP.init(), reference=1.0), "at.controller has other parts",
+    ),
     "a number for a key": (lambda: fp.simulate(GIMBAL, key=3), r"key is int '3': give a jax.random key"),
     "a seed below zero to tune": (lambda: tuning.tune(GIMBAL, seed=-1), "seed must be a whole number from 0 to .*-1"),
     "half a seed to improve": (lambda: fp.improve("run.csv", GIMBAL, seed=0.5), "seed must be .*, got 0.5"),
@@ -262,6 +275,15 @@ def test_arrays_and_states_under_vmap_are_single_numbers():
 
     both = jax.vmap(last)(jax.numpy.array([1.0, 2.0]), jax.numpy.array([3.0, 4.0]))
     np.testing.assert_allclose(both, [last(1.0, jax.numpy.array(3.0)), last(2.0, jax.numpy.array(4.0))], rtol=1e-12)
+
+
+@pytest.mark.parametrize(("first", "then"), [(0.02, 2e-3), (2e-3, 0.02)])
+def test_a_run_goes_on_under_another_delay(first, then):
+    def run(delay, initial=None):
+        loop = fp.ClosedLoop(fp.OneMass(1.0, fp.NoFriction()), fp.Proportional(1.0), actuator=fp.Actuator(delay=delay))
+        return fp.simulate(loop, fp.Constant(1.0), dt=1e-3, samples=30, stepping="sampled", initial=initial)
+
+    assert not run(then, run(first).final_state).diverged
 
 
 def test_the_fields_of_a_users_own_reference_are_its_own():
