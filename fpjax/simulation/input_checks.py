@@ -83,7 +83,7 @@ def check_one_run(loop: ClosedLoop, reference: AbstractReference, stepper: Stepp
         return before, *advance(loop, before, now, now.time, stepper)  # a time as dt: only shapes count
 
     def value() -> tuple[PyTree, PyTree, PyTree]:
-        return (), (), reference.readout(jnp.zeros(()))
+        return (), (), reference.readout(jnp.zeros_like(stepper.dt))
 
     is_function = lambda part: isinstance(part, TransferFunction)  # noqa: E731
     others = jax.tree.map(lambda part: None if is_function(part) else part, loop, is_leaf=is_function)
