@@ -3,12 +3,13 @@
 import math
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from gap_search import search_of
 from numpy_machine import record
 
 from fpjax.gap.fit.candidate import NOMINAL, Start
-from fpjax.gap.fit.screen import SETS, STEPS, screened
+from fpjax.gap.fit.screen import COARSE_STEPS, LEAST, MODES, SETS, STEPS, screened
 
 COGGING = SimpleNamespace(parameters=(SimpleNamespace(name="periods"),), fixed=(SimpleNamespace(name="side"),))
 
@@ -17,14 +18,20 @@ class Search:
     """Counts steps; every step leaves a candidate's cost at what it was given."""
 
     def __init__(self):
-        self.asked, self.ticks = [], []
+        self.asked, self.coarse, self.ticks = [], [], []
 
     def screening(self):
         return ["windows"]
 
-    def go_on(self, candidates, windows, steps, *, white):
+    def go_on(self, candidates, windows, steps, *, white, modes=0):
         assert windows == ["windows"]
-        self.asked.append(([c.place for c in candidates], steps))
+        if modes:
+            assert all(len(c.level) == 0 for c in candidates)  # a level is one of these octaves
+            for c in candidates:
+                c.level = np.ones(modes)
+            self.coarse.append(([c.place for c in candidates], steps, modes))
+        else:
+            self.asked.append(([c.place for c in candidates], steps))
 
     def tick(self, share):
         self.ticks.append(share)
@@ -39,6 +46,9 @@ def candidate(place, cost, name="cogging", periods=1.0, inertia=1.0, key=("rigid
         effects=(COGGING,),
         values=lambda: values,
         family=SimpleNamespace(key=key),
+        level=np.ones(3),
+        damping=10.0,
+        converged=True,
     )
 
 
@@ -90,3 +100,33 @@ def test_families_take_their_steps_one_after_the_other():
     screened(search, [candidate(n, 1.0, periods=n, key=key) for n, key in enumerate(keys)], 0, white=True)
     assert [places for places, _ in search.asked] == [[0, 2], [1], [0, 2], [1]]
     assert 0.0 < search.ticks[0] < search.ticks[1] < search.ticks[2] < search.ticks[3] < 1.0
+
+
+def test_a_new_shaft_is_fitted_to_the_lowest_modes_first_and_the_better_half_of_its_starts_to_more():
+    search, count = Search(), 4 * LEAST
+    shafts = [candidate(n, float(n), periods=n, key=("transmission", ())) for n in range(count)]
+    twin = candidate(count, -1.0, periods=1.0, inertia=2.0, key=("transmission", ()))  # of the second start
+    others = [candidate(100, 1.0, name="unbalance"), candidate(101, 2.0, name="drag", key=("transmission", ()))]
+    found = screened(search, [*shafts, twin, *others], 0, [*shafts, twin], white=True)
+    first, second = search.coarse
+    assert [modes for *_, modes in search.coarse] == list(MODES)
+    assert first[1] == second[1] == COARSE_STEPS
+    assert sorted(first[0]) == list(range(count + 1))
+    assert sorted(second[0]) == [0, *range(2, count // 2), count]
+    assert sorted(c.place for c in found) == [0, *range(2, LEAST), count, 100, 101]
+    assert all(c.damping == 1.0 and not len(c.level) for c in found if c.place <= count)
+    assert all(c.damping == 10.0 and len(c.level) for c in found if c.place > count)
+    assert search.ticks == sorted(search.ticks)
+
+
+@pytest.mark.parametrize("sensors", [("velocity",), ("velocity", "position")])
+def test_the_lowest_modes_are_the_first_of_all_with_the_same_torques(sensors):
+    search = search_of(record(seconds=6.0, sensors=sensors))
+    all_of_them, few = search.modes, search._coarse_fitter(search.base.family.key, MODES[0]).modes
+    torques = ~few.sensor
+    assert np.sum(torques) == MODES[0]
+    np.testing.assert_allclose(few.gain[torques], all_of_them.gain[: MODES[0]])
+    np.testing.assert_allclose(few.frequency[torques], all_of_them.frequency[: MODES[0]])
+    assert np.array_equal(few.band[torques], all_of_them.band[: MODES[0]])
+    assert few.unanswered.shape == (few.bands,)
+    assert np.sum(few.sensor) == np.sum(all_of_them.sensor)

@@ -7,8 +7,8 @@ import pytest
 from scipy.signal import butter, lfilter, sosfiltfilt
 
 from fpjax.gap.fit.bounded import bounded_steps
+from fpjax.gap.fit.imposed_motion import ORDER, _filters, _passed
 from fpjax.gap.fit.period_starts import _energies, _wave
-from fpjax.gap.fit.shaft_starts import ORDER, _filters, _passed
 from fpjax.gap.select.readings import _lagged
 
 

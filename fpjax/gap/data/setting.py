@@ -44,6 +44,7 @@ class Setting:
         waves: start values by name (amplitudes [N m] and periods per revolution [1/rev]) of a cogging ("torque") and of
             a friction by position ("friction"): as the missing torque repeats with the position, the strongest first.
         weight: values by name of the unbalance that fits the missing torque best; empty where none was fitted.
+        rise: likewise of the Stribeck friction, with its Coulomb and viscous levels.
         contacts: start values by name of backlashes, the most likely first; None where they were not searched for,
             empty where no stretch of the log could be used.
         springs: likewise of springs, the sensors on either side.
@@ -68,6 +69,7 @@ class Setting:
     shaft: Values = field(default_factory=lambda: np.zeros(1), compare=False, repr=False)
     waves: Mapping[str, tuple[Mapping[str, float], ...]] = field(default_factory=dict)
     weight: Mapping[str, float] = field(default_factory=dict)
+    rise: Mapping[str, float] = field(default_factory=dict)
     contacts: tuple[Mapping[str, float], ...] | None = None
     springs: tuple[Mapping[str, float], ...] | None = None
 

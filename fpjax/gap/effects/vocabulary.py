@@ -273,8 +273,11 @@ EFFECTS: tuple[Effect, ...] = (
         "stribeck",
         (STRIBECK_TORQUE, STRIBECK_VELOCITY, STRIBECK_EXPONENT),
         starts=lambda s: [
-            {"stribeck_torque": 0.3 * s.friction, "stribeck_velocity": factor * s.speed, "stribeck_exponent": 1.5}
-            for factor in (0.015, 0.06)  # two valleys: a narrow rise near rest, and a wide one
+            *(
+                {"stribeck_torque": 0.3 * s.friction, "stribeck_velocity": factor * s.speed, "stribeck_exponent": 1.5}
+                for factor in (0.015, 0.06)  # two valleys: a narrow rise near rest, and a wide one
+            ),
+            *([dict(s.rise)] if s.rise else []),
         ],
         report=lambda v, s: {
             "stribeck_torque": (v["stribeck_torque"], "N m"),

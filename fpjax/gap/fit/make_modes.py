@@ -26,16 +26,8 @@ def make_modes(samples: int, dt: float, inertia: float, rate_noise: float, angle
         angle_noise: of a position reading [rad]; 0 for none.
         most: modes with torque that are kept; 0 for all.
     """
-    index = np.arange(samples)
-    lag = index[:, None] - index[None, :]  # samples from the period j in which a torque acts to the reading k
-    held = lag > 0
-    parts = []
-    if rate_noise > 0.0:
-        # A torque of 1 N m in period j adds dt / J to every later speed, and travel at it from the period's middle on.
-        parts.append(np.where(held, dt / inertia, 0.0) / rate_noise)
-    if angle_noise > 0.0:
-        parts.append(np.where(held, (lag - 0.5) * dt**2 / inertia, 0.0) / angle_noise)
-    basis, size, course = np.linalg.svd(np.concatenate(parts), full_matrices=len(parts) == 2)
+    basis, size, course = _singular(samples, dt, inertia, rate_noise, angle_noise)
+    both = rate_noise > 0.0 and angle_noise > 0.0
     count = basis.shape[1]
     gain, torque = np.ones(count), np.zeros((samples, count))
     alive = np.zeros(count, bool)
@@ -50,7 +42,6 @@ def make_modes(samples: int, dt: float, inertia: float, rate_noise: float, angle
     if np.sum(alive & (band == last)) < FIRST_BAND * 2 ** (last - 1) / 2:  # a rest joins the octave below
         band[band >= last] = last - 1
     last = int(np.max(band[alive]))
-    both = len(parts) == 2
     keep = ~alive if both else np.zeros(count, bool)
     keep = keep | (alive & (place < (most or count)))  # place: singular values are in descending order
     # With one sensor, a mode that holds no torque is noise alone: in the last octave, with lambda zero.
@@ -71,6 +62,23 @@ def make_modes(samples: int, dt: float, inertia: float, rate_noise: float, angle
         np.ascontiguousarray(basis[:, kept] @ turn), turn, flat, tile, gain[kept], torque[:, kept], band[kept],
         frequency[kept], levels, (~alive)[kept], inertia, np.zeros(levels.shape[1]),
     )  # fmt: skip
+
+
+@functools.lru_cache(maxsize=4)
+def _singular(
+    samples: int, dt: float, inertia: float, rate_noise: float, angle_noise: float
+) -> tuple[Values, Values, Values]:
+    """Singular value decomposition of the readings of a torque in each period; arguments as of `make_modes`."""
+    index = np.arange(samples)
+    lag = index[:, None] - index[None, :]  # samples from the period j in which a torque acts to the reading k
+    held = lag > 0
+    parts = []
+    if rate_noise > 0.0:
+        # A torque of 1 N m in period j adds dt / J to every later speed, and travel at it from the period's middle on.
+        parts.append(np.where(held, dt / inertia, 0.0) / rate_noise)
+    if angle_noise > 0.0:
+        parts.append(np.where(held, (lag - 0.5) * dt**2 / inertia, 0.0) / angle_noise)
+    return np.linalg.svd(np.concatenate(parts), full_matrices=len(parts) == 2)
 
 
 def _turned(place: Values, alive: Values, gain: Values, torque: Values) -> tuple[Values, Values, Values]:

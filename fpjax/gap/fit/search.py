@@ -19,6 +19,7 @@ from .band import highest_of_speed, level_with_bursts, real_noise, unanswered
 from .candidate import NOMINAL, Candidate, Fit, Start, make_candidate
 from .guide import guide_bandwidth
 from .hidden_starts import estimate_hidden_states
+from .imposed_motion import ImposedMotion
 from .least_squares import Fitter
 from .make_modes import make_modes
 from .measure import Measure
@@ -26,7 +27,8 @@ from .modes import Modes
 from .period_starts import repeating_waves, turning_weight
 from .score import scores
 from .screen import few_windows, from_bases, screened
-from .shaft_starts import ImposedMotion, contact_starts, spring_starts
+from .shaft_starts import contact_starts, spring_starts
+from .stribeck_starts import stribeck_rise
 
 # Successive halving: after screening ever fewer sets get ever more steps.
 STAGES = ((3, 40), (4, 14), (8, 8), (25, 6))  # (steps on all fitted windows, number of sets that get them)
@@ -94,11 +96,13 @@ class Search:
         first = records[0]
         rate = 0.0 if first.velocity is None else first.velocity.noise
         angle = 0.0 if first.position is None else first.position.noise
-        self._begin(make_modes(first.samples, first.dt, self.setting.inertia, rate, angle, most))
+        self._window = (first.samples, first.dt, self.setting.inertia, rate, angle)
+        self._begin(make_modes(*self._window, most))
 
     def _begin(self, modes: Modes) -> None:
         self.modes = modes
         self.fitters: dict[Key, Fitter] = {}
+        self._coarse: dict[tuple[Key, int], Fitter] = {}
         self.hidden_states: dict[Key, HiddenStates] = {}
 
     def _divide(self) -> None:
@@ -145,6 +149,15 @@ class Search:
             self.fitters[key] = self.fitters[family.key]
         return self.fitters[key]
 
+    def _coarse_fitter(self, key: Key, modes: int) -> Fitter:
+        """The fitter of a family on the lowest modes of each window alone."""
+        if (key, modes) not in self._coarse:
+            few = make_modes(*self._window, modes)
+            known = self.modes.unanswered
+            own = np.append(known[: few.bands - 1], known[-1]) if np.any(few.sensor) else known[: few.bands]
+            self._coarse[key, modes] = Fitter(self.fitters[key].runner, self.setting, replace(few, unanswered=own))
+        return self._coarse[key, modes]
+
     def family(self, effects: Sequence[Effect]) -> Family:
         """The smallest family that holds the effects."""
         return self.fitter(key_for(tuple(effects), self.setting)).family
@@ -186,7 +199,8 @@ class Search:
         if backlash:
             hidden_states = self.hidden_states[self.fitter(key_for(tuple(backlash), self.setting)).family.key]
             fitted, as_given = ({name: c.values()[name] for name in NOMINAL} for c in (self.base, self.exact))
-            log = ImposedMotion(hidden_states, which, self.records[which], free[which], fitted, as_given, self.setting)
+            course = self.missing_course(self.base, noisy=True)[which]
+            log = ImposedMotion(hidden_states, which, self.records[which], course, fitted, as_given, self.setting)
             contacts = contact_starts(log)
             # Through the same loop, at no clearance. Without a backlash in the vocabulary springs have plain starts.
             springs = spring_starts(log) if any(effect.name == "compliance" for effect in self.effects) else None
@@ -194,19 +208,22 @@ class Search:
             self.setting, contacts=contacts, springs=springs,
             waves=repeating_waves(free[widest], self.records[widest], self.setting),
             weight=turning_weight(given[widest], self.records[widest]),
+            rise=stribeck_rise(free[which], self.records[which], self.base.values(), self.setting),
             # A nominal model without friction is no scale for a Stribeck torque or a dead zone.
             friction=max(self.setting.friction, self.base.values()["coulomb"]),
         )  # fmt: skip
 
     def setting_beside(self, c: Candidate) -> Setting:
-        """Sizes with the periods and the unbalance of a candidate's missing torque: start values of a further cause.
+        """Sizes with periods, unbalance and rise of a candidate's missing torque: start values of a further cause.
 
         In the nominal model's missing torque the first cause hides them.
         """
         which = self._widest()
-        course, record = self.missing_course(c)[which], self.records[which]
+        courses, longest = self.missing_course(c), self._longest()
+        course, record = courses[which], self.records[which]
         waves = repeating_waves(course, record, self.setting)
-        return replace(self.setting, waves=waves, weight=turning_weight(course, record))
+        rise = stribeck_rise(courses[longest], self.records[longest], c.values(), self.setting)
+        return replace(self.setting, waves=waves, weight=turning_weight(course, record), rise=rise)
 
     def _longest(self) -> int:
         """Index of the log with the most fitted windows."""
@@ -235,17 +252,23 @@ class Search:
         """Number of modes with torque below `BAND` of the Nyquist frequency, 16 at the least."""
         return max(16, int(np.sum(~self.modes.sensor & (self.modes.frequency < BAND * 0.5 / self.setting.dt))))
 
-    def missing_course(self, c: Candidate) -> list[Values]:
-        """The most likely missing torque [N m] along each record, shape (samples,); NaN outside the fitted windows."""
+    def missing_course(self, c: Candidate, *, noisy: bool = False) -> list[Values]:
+        """The most likely missing torque [N m] along each record, shape (samples,); NaN outside the fitted windows.
+
+        Args:
+            c: a candidate.
+            noisy: the torque that makes all of the residual instead, the readings' noise included.
+        """
         fitter, found = self.fitters[c.family.key], []
         # The posterior mean V diag(w / sqrt(lambda)) c with the Wiener filter w. The residual is simulated less
         # measured, so that a torque that the simulation lacks has the opposite sign.
         reach = np.where(self.modes.sensor, 0.0, 1.0 / np.sqrt(np.where(self.modes.sensor, 1.0, self.modes.gain)))
-        reach = reach * self.measure.trusted * self.fitters[c.family.key].torque_scale(c) ** self.measure.imposed
+        trusted = 1.0 if noisy else self.measure.trusted
+        reach = reach * trusted * self.fitters[c.family.key].torque_scale(c) ** self.measure.imposed
         for which, record in enumerate(self.records):
             course, chosen = np.full(len(record.time), np.nan), self.train[which]
             if len(chosen):
-                share = self.modes.wiener(c.level, fitter.noise[which][chosen])
+                share = 1.0 if noisy else self.modes.wiener(c.level, fitter.noise[which][chosen])
                 plain = self.modes.plain(fitter.coefficients([c], which, chosen)[0])
                 out = -(share * plain * reach) @ self.modes.torque.T
                 for row, window in zip(out, chosen, strict=True):
@@ -263,11 +286,21 @@ class Search:
 
     # --- fitting
 
-    def go_on(self, candidates: Sequence[Candidate], windows: Sequence[Values], steps: int, *, white: bool) -> None:
-        """More steps for candidates of any families; hidden states are estimated again before every third step."""
+    def go_on(
+        self, candidates: Sequence[Candidate], windows: Sequence[Values], steps: int, *, white: bool, modes: int = 0
+    ) -> None:
+        """More steps for candidates of any families; hidden states are estimated again before every third step.
+
+        Args:
+            candidates: they are changed in place.
+            windows: indices, one array a record.
+            steps: at most.
+            white: one level of the missing torque for all octaves.
+            modes: the lowest modes of a window that are fitted; 0 for all.
+        """
         for key in dict.fromkeys(c.family.key for c in candidates):
             group = [c for c in candidates if c.family.key == key]
-            fitter = self.fitters[key]
+            fitter = self._coarse_fitter(key, modes) if modes else self.fitters[key]
             if key not in self.hidden_states:
                 fitter.go_on(group, windows, steps, white=white)
                 continue
@@ -295,7 +328,8 @@ class Search:
         """
         started = self._started(starts, white=white)
         begun = {id(c): start for c, start in zip(started, starts, strict=True)}
-        candidates = screened(self, started, keep[0] if keep else 0, white=white)
+        fresh = [c for c in started if _new_shaft(c, begun[id(c)])]
+        candidates = screened(self, started, keep[0] if keep else 0, fresh, white=white)
         going = _leading(candidates, FIRST)
         left: dict[tuple[str, ...], Candidate] = {}  # sets dropped after some steps on all windows; scored as they are
         for stage, (steps, most) in enumerate(STAGES):
@@ -363,6 +397,12 @@ class Search:
         return scores(self, candidates)
 
 
+def _new_shaft(c: Candidate, start: Start) -> bool:
+    """Whether a candidate has a transmission, and does not start from a fit that has one."""
+    before = start.like
+    return c.family.key[0] == "transmission" and (before is None or before.family.key[0] != "transmission")
+
+
 def _leading(candidates: Collection[Candidate], most: int) -> list[Candidate]:
     """The best candidate of each set of causes; of those with a transmission, which has several local minima, the
     `most` best that have not met.
@@ -370,7 +410,7 @@ def _leading(candidates: Collection[Candidate], most: int) -> list[Candidate]:
     best: dict[tuple[str, ...], list[Candidate]] = {}
     for c in sorted(candidates, key=lambda c: c.cost):
         group = best.setdefault(c.names, [])
-        room = len(group) < (most if c.family.key[0] == "transmission" else 1)
+        room = len(group) < (most if c.family.key[0] == "transmission" else THEN)
         if room and not any(_met(c, other) for other in group):
             group.append(c)
     return [c for group in best.values() for c in group]

@@ -26,8 +26,9 @@ def alone(search: Search) -> list[Start]:
             for wide in nominal_for(effect):
                 own = {k: v for k, v in values.items() if k not in NOMINAL}
                 kept = base.values() if wide else {k: v for k, v in base.values().items() if k not in NOMINAL}
-                # A start may have numbers of its own, beside which it was found.
-                starts += [Start((effect,), wide, values if wide else own), Start((effect,), wide, kept | own, base)]
+                starts.append(Start((effect,), wide, values if wide else own))
+                if len(own) == len(values):  # else it has numbers of its own, beside which it was found
+                    starts.append(Start((effect,), wide, kept | own, base))
     return starts
 
 

@@ -176,8 +176,8 @@ def whole_gap(search: Search, exact: Exact, fit: Fit) -> float:
     """The missing torque that a model's causes are shares of [N m]: all that the nominal model as given misses.
 
     Where the model limits the torque, no more than what that leaves of the commanded one: what a drive is asked for and
-    cannot give is missing to a model without a limit, and would hide all that is missing beside it. Not where more than
-    that is left: such a limit is no explanation.
+    cannot give is missing to a model without a limit, and would hide all that is missing beside it. A limit that leaves
+    more than the drive gives then explains nothing.
 
     Args:
         search: of the logs.
@@ -193,7 +193,7 @@ def whole_gap(search: Search, exact: Exact, fit: Fit) -> float:
     gain = values.get("gain", float(np.asarray(c.family.machine.actuator.gain)))
     given = np.clip(gain * commanded, -values["limit"], values["limit"])
     most = float(np.sqrt(np.mean(given**2)))
-    return most if exact.left(fit) < most < whole else whole
+    return min(most, whole)
 
 
 def settled(search: Search, exact: Exact, weighed: Weighed) -> Weighed:
