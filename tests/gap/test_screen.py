@@ -130,3 +130,15 @@ def test_the_lowest_modes_are_the_first_of_all_with_the_same_torques(sensors):
     assert np.array_equal(few.band[torques], all_of_them.band[: MODES[0]])
     assert few.unanswered.shape == (few.bands,)
     assert np.sum(few.sensor) == np.sum(all_of_them.sensor)
+
+
+@pytest.mark.parametrize("sensors", [("velocity",), ("position",), ("velocity", "position")])
+def test_short_windows_have_no_fewer_modes_than_all(sensors):
+    search = search_of(record(seconds=3.2, dt=0.01, sensors=sensors))
+    assert np.sum(~search.modes.sensor) < MODES[1]
+    assert search._coarse_fitter(search.base.family.key, MODES[1]) is search.fitters[search.base.family.key]
+    c = search.candidate(Start((), NOMINAL, {}))
+    for modes in (*MODES, 0):
+        c.level, c.converged = np.zeros(0), False
+        search.go_on([c], search.screening(), 1, white=True, modes=modes)
+        assert np.isfinite(c.cost)

@@ -1,5 +1,6 @@
 """A load that hangs in a gap or on a spring, found with the measured motion imposed; machines in plain numpy."""
 
+import itertools
 from types import SimpleNamespace
 
 import gap_search
@@ -10,11 +11,12 @@ import pytest
 from fpjax import diagnose, load_model
 from fpjax.gap import EFFECTS
 from fpjax.gap.effects.parameters import largest_gap
+from fpjax.gap.fit import imposed_motion
 from fpjax.gap.fit.candidate import NOMINAL, Start
 from fpjax.gap.fit.hidden_starts import estimate_hidden_states
 from fpjax.gap.fit.imposed_motion import ImposedMotion, Objective
 from fpjax.gap.fit.screen import from_bases
-from fpjax.gap.fit.shaft_starts import APART, DESCENTS, _descents
+from fpjax.gap.fit.shaft_starts import APART, BANDS, DESCENTS, FACES, HARD, _descents
 from fpjax.gap.select.starts import alone
 from fpjax.gap.verb import make_search
 
@@ -152,7 +154,7 @@ def test_a_stiff_closed_shaft_leaves_nothing_beside_a_known_load(side):
     backlash = BY_NAME["backlash"]
     states = search.hidden_states[search.family((backlash,)).key]
     numbers = {name: search.exact.values()[name] for name in NOMINAL}
-    course = search.missing_course(search.exact)[0]
+    course = search.missing_course(search.exact, noisy=True)[0]
     objective = Objective(
         ImposedMotion(states, 0, search.records[0], course, numbers, numbers, search.setting), side, (0.03,)
     )
@@ -201,6 +203,38 @@ class Bowl:
 TARGET = [0.02, 0.4, 3.0, 0.2, 0.3, 0.3, 1.0, 1.0, 1.0]
 GRID = [[gap, 0.5, frequency, 0.1, 0.5, 0.5] for gap in (0.01, 0.1) for frequency in (1.0, 2.0, 4.0)]
 LOW, HIGH = [1e-3, 0.1, 0.9, 0.01, 0.02, 0.02], [1.0, 0.9, 8.0, 0.4, 0.98, 0.98]
+
+
+@pytest.mark.long
+def test_the_objective_is_least_for_the_true_load_and_knows_its_slope(search, monkeypatch):
+    states = search.hidden_states[search.family((BY_NAME["backlash"],)).key]
+    given = {name: search.exact.values()[name] for name in NOMINAL}
+    course = search.missing_course(search.base, noisy=True)[0]
+    imposed = ImposedMotion(states, 0, search.records[0], course, search.base.values(), given, search.setting)
+    objective = Objective(imposed, 0.0, BANDS)
+    reduced = 0.03 * LOAD / 0.05
+    true = [GAP, LOAD / 0.05, np.sqrt(STIFFNESS / reduced) / (2 * np.pi), DAMPING / (2 * np.sqrt(STIFFNESS * reduced))]
+    true = np.array([*true, RUBBING / 0.55, 0.02, 0.05, 0.55, 0.03])
+    others = [np.where(np.arange(9) == k, f * true, true) for k in (0, 1, 4) for f in (0.5, 1.5)]  # not its damping
+    light = [1e-3 * GAP, 0.95, 100.0, 0.3, 0.5, 0.5, 0.05, 0.55, 0.03]  # a light motor, whose torque has little noise
+    none = [1e-3 * GAP, 0.05, 100.0, 0.3, 0.1, 0.1, 0.05, 0.55, 0.03]
+    scores = objective.scores(np.array([true, light, none, *others]).T)
+    assert np.argmin(scores) == 0
+    assert scores[0] < min(scores[1:]) - 3.0
+    at, small = true * [1.2, 1.1, 1.1, 1.2, 1.1, 1.0, 1.0, 1.0, 1.0], 1e-4
+    monkeypatch.setattr(imposed_motion, "CHANGE", small)
+    for used in (1, 3):
+        score, gradient, matrix = objective.linearised(at[:, None], used)
+        np.testing.assert_allclose(score, objective.scores(at[:, None], used))
+        after = objective.scores(np.array([at * np.exp(small * (np.arange(9) == k)) for k in range(9)]).T, used)
+        slope = (after - score) / small - small * np.diag(matrix[0])  # without its change over the step
+        np.testing.assert_allclose(2.0 * gradient[0], slope, rtol=0.05, atol=0.03 * np.max(np.abs(slope)))
+    assert np.all(np.linalg.eigvalsh(matrix[0]) > -1e-9 * np.trace(matrix[0]))
+
+
+def test_each_slice_of_a_backlash_holds_a_resonance_of_the_grid():
+    edges = np.geomspace(0.1, 2.0, FACES + 1)
+    assert [np.sum((a < h) & (h < b)) for a, b in itertools.pairwise(edges) for h in [np.array(HARD)]] == [1] * FACES
 
 
 def test_points_of_the_grid_are_tried_once_where_the_numbers_agree():

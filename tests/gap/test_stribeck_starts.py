@@ -1,5 +1,7 @@
 """The rise of a friction towards rest, from the missing torque at the measured speeds."""
 
+import dataclasses
+
 import gap_search
 import jax
 import numpy as np
@@ -47,7 +49,32 @@ def test_where_friction_falls_towards_rest_or_hardly_anything_is_known_there_is_
     assert stribeck_rise(np.where(np.arange(len(falling)) < 40, -falling, np.nan), record, numbers, setting) == {}
 
 
-def test_a_start_with_numbers_of_its_own_is_not_tried_beside_others(search):
+def test_noise_has_no_rise(search):
+    record, setting = search.records[0], search.setting
+    rng = np.random.default_rng(4)
+    for _ in range(20):
+        noise = rng.standard_normal(len(record.speed))
+        assert stribeck_rise(noise, record, {"coulomb": 0.5, "viscous": 0.02}, setting) == {}
+
+
+def test_in_one_direction_an_offset_is_coulomb_friction(search):
+    time, setting = 1e-3 * np.arange(5000), search.setting
+    speed = 4.05 - 4.0 * np.cos(3.0 * time)
+    record = dataclasses.replace(search.records[0], speed=speed, acceleration=12.0 * np.sin(3.0 * time))
+    found = stribeck_rise(
+        missing(record, 0.5, 0.6, 2.0, coulomb=0.1), record, {"coulomb": 0.5, "viscous": 0.02}, setting
+    )
+    assert found["stribeck_torque"] == pytest.approx(0.5, rel=0.2)
+    assert found["coulomb"] == pytest.approx(0.6, rel=0.1)
+    for still in (
+        dataclasses.replace(record, acceleration=0.0 * time),
+        dataclasses.replace(record, speed=0.0 * time + 3.0),
+    ):
+        stribeck_rise(missing(record, 0.5, 0.6, 2.0), still, {"coulomb": 0.5, "viscous": 0.02}, setting)
+
+
+def test_a_start_with_numbers_of_its_own_is_not_tried_beside_others():
+    search = gap_search.search_of(numpy_machine.record(numpy_machine.Machine(stribeck=0.4), seconds=5.0))
     with_numbers, without = {}, {}
     for start in alone(search):
         if start.effects == (STRIBECK,):

@@ -29,6 +29,7 @@ COARSE = 3  # samples that are averaged before they are filtered: a sixth of the
 EDGE = 170  # coarse samples of padding at either end of a filtered course
 MOVING = 0.01  # of the top speed: width of the reversal of friction
 CHANGE = 0.01  # of a logarithm, for a derivative
+DIVERGED = 1e60  # derivative of a torque [N m] from which on a simulation has diverged
 
 
 @dataclass(frozen=True)
@@ -124,7 +125,9 @@ class Objective:
         joined = [np.concatenate(part) for part in parts]
         for part, floor in zip(joined, self.floors, strict=False):
             shaped = part.reshape(names + 1, points, *part.shape[1:])
-            here, slope = shaped[0], np.nan_to_num((shaped[1:] - shaped[0]) / CHANGE, posinf=0.0, neginf=0.0)
+            with np.errstate(invalid="ignore", over="ignore"):
+                here, slope = shaped[0], (shaped[1:] - shaped[0]) / CHANGE
+            slope = np.where(np.abs(slope) < DIVERGED, slope, 0.0)  # of a neighbour that diverges nothing is known
             weight = 1.0 / (np.mean(here**2, axis=2) + floor) / here.shape[1] / here.shape[2]
             gradient += np.einsum("kpsn,psn,ps->pk", slope, here, weight)
             matrix += np.einsum("kpsn,lpsn,ps->pkl", slope, slope, weight, optimize=True)
@@ -154,7 +157,7 @@ class Objective:
                 # One mass: J a = u - friction + missing. The motor: (1 - share) J a = u - its friction - shaft.
                 # Their difference is the missing torque that this shaft would explain, beside other numbers.
                 missing = self.missing + sum(parts) - self.given
-                yield self._stretches(missing - (taken - shaft), self._hardly_moves(some), used)
+                yield self._stretches(missing - (taken - shaft), self._moved_more(some), used)
 
     def _parts(self, inertia: ArrayLike, coulomb: ArrayLike, viscous: ArrayLike) -> tuple[Values, Values, Values]:
         """Torques of the inertia, of the friction's level and of its drag [N m], each (lanes, coarse samples)."""
@@ -175,11 +178,11 @@ class Objective:
         shaft = stiffness + damping * s
         return np.maximum(np.abs(((1.0 - share) * inertia * s**2 + rubbing * s + shaft) / shaft), 1.0)
 
-    def _hardly_moves(self, rows: Values) -> Values:
-        """Motion of one rigid mass under a torque over that of a motor with a load on its shaft, (lanes, frequencies).
+    def _moved_more(self, rows: Values) -> Values:
+        """Motion of a motor with a load on its shaft under a torque over that of one rigid mass, (lanes, frequencies).
 
-        Noise of the speed is noise of the motor's torque alone behind a shaft, and less of it: without this a light
-        motor would leave least.
+        Behind a shaft the speed's noise is noise of the motor's torque alone, and less of it: a light motor would leave
+        least without this.
         """
         dt, (share, hertz) = self.log.record.dt, rows[1:3, :, None]
         own = 2.0 * np.pi * hertz * np.sqrt(1.0 - share)  # of the load on a held motor [rad/s]

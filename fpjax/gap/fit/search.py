@@ -33,7 +33,10 @@ from .stribeck_starts import stribeck_rise
 # Successive halving: after screening ever fewer sets get ever more steps.
 STAGES = ((3, 40), (4, 14), (8, 8), (25, 6))  # (steps on all fitted windows, number of sets that get them)
 AFTER = (0.56, 0.62, 0.67, 0.78)  # share of the run time that is over after each [1]; for the progress display alone
-FIRST, THEN = 4, 2  # starts of a transmission that go on from a few windows to all, and after some steps there
+FIRST, THEN = (
+    4,
+    2,
+)  # starts of a transmission that go on from a few windows to all, and (of all causes) after some steps
 MET = 0.2  # of a parameter's typical change (a resonance's and a gap's own value): nearer two fits have met [1]
 COLOURED = 25  # most steps with a level of the missing torque for each octave (coloured, not white)
 BAND = 0.25  # of the Nyquist frequency: above it residuals show the drive's sampling and rounding, not a cause of a gap
@@ -150,7 +153,9 @@ class Search:
         return self.fitters[key]
 
     def _coarse_fitter(self, key: Key, modes: int) -> Fitter:
-        """The fitter of a family on the lowest modes of each window alone."""
+        """The fitter of a family on the lowest modes of each window alone, on all where a window has no more."""
+        if modes >= np.sum(~self.modes.sensor):
+            return self.fitters[key]
         if (key, modes) not in self._coarse:
             few = make_modes(*self._window, modes)
             known = self.modes.unanswered
@@ -223,7 +228,21 @@ class Search:
         course, record = courses[which], self.records[which]
         waves = repeating_waves(course, record, self.setting)
         rise = stribeck_rise(courses[longest], self.records[longest], c.values(), self.setting)
-        return replace(self.setting, waves=waves, weight=turning_weight(course, record), rise=rise)
+        contacts, springs = (
+            None if some is None else tuple({k: v for k, v in one.items() if k not in NOMINAL} for one in some)
+            for some in (
+                self.setting.contacts,
+                self.setting.springs,
+            )  # their numbers were found beside the nominal model
+        )
+        return replace(
+            self.setting,
+            waves=waves,
+            weight=turning_weight(course, record),
+            rise=rise,
+            contacts=contacts,
+            springs=springs,
+        )
 
     def _longest(self) -> int:
         """Index of the log with the most fitted windows."""
@@ -318,7 +337,7 @@ class Search:
         return self._screen
 
     def explore(self, starts: Sequence[Start], keep: Sequence[int] = (), *, white: bool = True) -> list[Fit]:
-        """Fit every set of causes from all its starts: the best start of each set, the leading sets finished.
+        """Fit every set of causes from all its starts: the best starts of each set, the leading sets finished.
 
         Args:
             starts: sets and their start values.
@@ -398,19 +417,19 @@ class Search:
 
 
 def _new_shaft(c: Candidate, start: Start) -> bool:
-    """Whether a candidate has a transmission, and does not start from a fit that has one."""
-    before = start.like
-    return c.family.key[0] == "transmission" and (before is None or before.family.key[0] != "transmission")
+    """Whether the causes of a candidate bring a transmission that no fit has found yet."""
+    brought = any(effect.structure == "transmission" for effect in c.effects)
+    return brought and (start.like is None or start.like.family.key[0] != "transmission")
 
 
 def _leading(candidates: Collection[Candidate], most: int) -> list[Candidate]:
-    """The best candidate of each set of causes; of those with a transmission, which has several local minima, the
-    `most` best that have not met.
+    """The best candidates of each set of causes that have not met: `THEN` at most, `most` of those with a transmission,
+    which has several local minima.
     """
     best: dict[tuple[str, ...], list[Candidate]] = {}
     for c in sorted(candidates, key=lambda c: c.cost):
         group = best.setdefault(c.names, [])
-        room = len(group) < (most if c.family.key[0] == "transmission" else THEN)
+        room = len(group) < (most if c.family.key[0] == "transmission" else min(most, THEN))
         if room and not any(_met(c, other) for other in group):
             group.append(c)
     return [c for group in best.values() for c in group]

@@ -22,7 +22,7 @@ LEAST_GAP = 3e-4  # the least, as the time to cross it at top speed [s]
 LARGEST_GAP = 0.5  # the largest, of the largest that there may be [1]
 SHARES = (0.15, 0.35, 0.6)  # of the inertia that is on the load [1]
 HARD = (0.15, 0.4, 1.0)  # resonances in contact, of the highest that sampling shows [1]
-FACES = 4  # slices of them, and starts on each side
+FACES, STARTS = 3, 4  # slices that each hold one of them, and starts on each side at most
 RATIO = 0.3  # damping ratio of a face in contact [1]
 FRICTIONS = (0.05, 0.25, 0.7)  # of the friction that is on the load [1]
 SPRINGS = 10  # resonances of a spring, from the lowest to the highest that a log shows
@@ -65,7 +65,7 @@ def contact_starts(log: ImposedMotion) -> tuple[dict[str, float], ...]:
         objective = Objective(log, side, BANDS)
         if not objective.usable:
             continue
-        found += [_values(one, side) for one in _descents(objective, rows, low, high, FACES)]
+        found += [_values(one, side) for one in _descents(objective, rows, low, high, FACES)[:STARTS]]
     return (*found, *(one | {"damping_ratio": LIVELY * one["damping_ratio"]} for one in found))
 
 
@@ -99,7 +99,7 @@ def _descents(
     objective: Objective, rows: Sequence[Sequence[float]], low: Sequence[float], high: Sequence[float], slices: int,
     *, of_each: bool = False,
 ) -> list[Values]:  # fmt: skip
-    """Where the descents from the best points of each slice of a grid's resonances end: as many as slices, none twice.
+    """Where the descents from the best points of each slice of a grid's resonances end, none twice.
 
     Args:
         objective: lower is better.
@@ -128,13 +128,13 @@ def _descents(
         least, most = (np.repeat(bound, len(slice_of), axis=1) for bound in (least, most))
         least[2], most[2] = np.append(least[2, 0], edges)[slice_of], np.append(edges, most[2, 0])[slice_of]
     found, scores = _descended(objective, grid[:, np.concatenate(begun)], least, most)
-    order, chosen = [int(at) for at in np.argsort(scores)], list[int]()
+    order, chosen = [int(at) for at in np.argsort(scores) if np.isfinite(scores[at])], list[int]()
     if of_each:
-        order = [next(at for at in order if slice_of[at] == one) for one in np.unique(slice_of)]
+        order = [next(at for at in order if slice_of[at] == one) for one in np.unique(slice_of[order])]
     for at in order:
         if all(np.max(np.abs(found[:, at] - found[:, other])[: len(low)]) > APART for other in chosen):
             chosen.append(at)
-    return [found[:, at] for at in chosen[:slices]]
+    return [found[:, at] for at in chosen]
 
 
 def _descended(objective: Objective, points: Values, least: Values, most: Values) -> tuple[Values, Values]:
@@ -151,6 +151,9 @@ def _descended(objective: Objective, points: Values, least: Values, most: Values
     bands = len(objective.filters)
     for used in [*np.repeat(np.arange(1, bands), LED), *[bands] * DESCENT]:
         before, gradient, matrix = objective.linearised(np.exp(points), used)
+        held = ((points <= least) & (gradient.T > 0.0)) | ((points >= most) & (gradient.T < 0.0))  # by a bound
+        free = np.where(held.T, 0.0, 1.0)
+        gradient, matrix = gradient * free, matrix * free[:, :, None] * free[:, None, :]
         size = np.einsum("pkk->pk", matrix)
         trials = []
         for factor in FACTORS:

@@ -16,8 +16,11 @@ WIDTHS = np.geomspace(0.004, 0.5, 24)  # of the top speed [1]
 EXPONENTS = (1.0, 2.0)  # Tustin's curve and the Gaussian
 SURE = 5.0  # standard deviations of a speed's noise from which on its direction counts as known [1]
 SLOWEST = 0.002  # of the top speed, likewise [1]
-SAMPLES = 4000  # of the log that are used, evenly spread, at least
+SAMPLES = 4000  # of the log that are used, evenly spread; up to twice as many
 FEWEST = 50  # samples below which nothing is fitted
+CARRIED = 10.0  # samples that must carry a rise, as many as make the sum of its squares
+DISTINCT = 1e-6  # of a column that must be no sum of the others [1]
+CHANCE = 10.0  # times what a rise takes off noise by chance, below which there is none [1]
 
 
 def stribeck_rise(course: Values, record: Record, numbers: dict[str, float], setting: Setting) -> dict[str, float]:
@@ -26,7 +29,7 @@ def stribeck_rise(course: Values, record: Record, numbers: dict[str, float], set
     Args:
         course: the missing torque [N m], NaN where unknown, shape (samples,).
         record: the log.
-        numbers: nominal numbers by name, beside which it is missing.
+        numbers: Coulomb and viscous friction of the model beside which it is missing, by name.
         setting: sizes.
 
     Returns:
@@ -40,19 +43,27 @@ def stribeck_rise(course: Values, record: Record, numbers: dict[str, float], set
     speed, side = record.speed[keep], np.sign(record.speed[keep])
     # What is missing drives the machine; friction brakes it.
     braking = numbers["coulomb"] * side + numbers["viscous"] * speed - course[keep]
-    common = np.stack([side, speed, record.acceleration[keep], np.ones_like(speed)], axis=1)
-    common /= np.maximum(sizes := np.linalg.norm(common, axis=0), 1e-300)
-    basis, mixing = np.linalg.qr(common)
+    columns = [side, speed, record.acceleration[keep]]
+    if np.ptp(side) > 0.0:  # in one direction an offset is a Coulomb friction
+        columns.append(np.ones_like(speed))
+    common = np.stack([column for column in columns if np.any(column)], axis=1)
+    sizes = np.linalg.norm(common, axis=0)
+    basis, mixing = np.linalg.qr(common / sizes)
+    if np.min(np.abs(np.diag(mixing))) < DISTINCT:
+        return {}
     left = braking - basis @ (basis.T @ braking)
-    best, found = 0.0, {}
+    best, found = CHANCE * float(left @ left) / len(left), {}
     for exponent in EXPONENTS:
-        for width in WIDTHS * setting.speed:
+        for width in WIDTHS[WIDTHS * setting.speed > least] * setting.speed:
             rise = side * np.exp(-((np.abs(speed) / width) ** exponent))
-            own = rise - basis @ (basis.T @ rise)
-            energy, along = float(own @ own), float(own @ left)
-            if along <= 0.0 or energy <= 1e-9 * float(rise @ rise) or along**2 / energy <= best:
+            if np.sum(rise**2) ** 2 < CARRIED * np.sum(rise**4):
                 continue
-            best, torque = along**2 / energy, along / energy
+            own = rise - basis @ (basis.T @ rise)
+            along, energy = float(own @ left), max(float(own @ own), 1e-300)
+            torque = along / energy
+            if not (0.0 < torque <= setting.torque and along * torque > best):
+                continue
+            best = along * torque
             coulomb, viscous = (np.linalg.solve(mixing, basis.T @ (braking - torque * rise)) / sizes)[:2]
             found = {"stribeck_torque": torque, "stribeck_velocity": float(width), "stribeck_exponent": exponent}
             found |= {"coulomb": float(max(coulomb, 0.0)), "viscous": float(max(viscous, 0.0))}

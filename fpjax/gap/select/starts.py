@@ -27,7 +27,7 @@ def alone(search: Search) -> list[Start]:
                 own = {k: v for k, v in values.items() if k not in NOMINAL}
                 kept = base.values() if wide else {k: v for k, v in base.values().items() if k not in NOMINAL}
                 starts.append(Start((effect,), wide, values if wide else own))
-                if len(own) == len(values):  # else it has numbers of its own, beside which it was found
+                if not values.keys() & set(NOMINAL):  # else it has numbers of its own, beside which it was found
                     starts.append(Start((effect,), wide, kept | own, base))
     return starts
 
@@ -51,12 +51,13 @@ def beside(search: Search, bases: Sequence[Weighed], likely: Sequence[str]) -> l
             if any(pair <= names for pair in IMPOSSIBLE) or {p.name for p in effect.parameters} <= held:
                 continue
             for found in effect.starts(setting):
-                start = {k: v for k, v in found.items() if k not in NOMINAL}  # the base has numbers
+                start = {k: v for k, v in found.items() if k not in NOMINAL}
                 for wide in nominal_for(*base.fit.candidate.effects, effect):
                     # A twin of the nominal numbers starts from the numbers as they were given.
                     kept = values if wide else {k: v for k, v in values.items() if k not in NOMINAL}
                     effects = (*base.fit.candidate.effects, effect)
-                    starts.append(Start(effects, wide, kept | start, base.fit.candidate, or_given=bool(wide)))
+                    own = found if wide else start  # numbers of a start were found beside this base
+                    starts.append(Start(effects, wide, kept | own, base.fit.candidate, or_given=bool(wide)))
     return starts
 
 

@@ -193,7 +193,7 @@ def whole_gap(search: Search, exact: Exact, fit: Fit) -> float:
     gain = values.get("gain", float(np.asarray(c.family.machine.actuator.gain)))
     given = np.clip(gain * commanded, -values["limit"], values["limit"])
     most = float(np.sqrt(np.mean(given**2)))
-    return min(most, whole)
+    return min(whole, most)
 
 
 def settled(search: Search, exact: Exact, weighed: Weighed) -> Weighed:
