@@ -21,7 +21,7 @@ from .setup import Setup, SetupWords, with_keywords
 from .sweep_axis import Axis
 from .sweep_chunk import evaluate_chunk
 from .sweep_result import SweepResult
-from .sweep_store import SweepStore, fingerprint
+from .sweep_store import SweepStore, fingerprint, fingerprints
 
 CHUNK = 4096  # candidates of one chunk, which is one file and one task of a cluster
 LARGEST = 10**10  # candidates of a sweep; more is a mistyped count: days to years on one machine
@@ -85,8 +85,9 @@ def sweep(
     # Rounded up: the last chunk may be shorter.
     pieces = -(-total // chunk)
     identity = "" if out is None else fingerprint(problem, axes, chunk)
+    parts = None if out is None else fingerprints(problem, axes, chunk)
     begin = time.perf_counter()
-    with SweepStore(out, identity, total, columns, chunk, problem.dtype, resume=resume) as store:
+    with SweepStore(out, identity, total, columns, chunk, problem.dtype, resume=resume, parts=parts) as store:
         _fill(store, problem, axes, total, chunk, pieces, scheduler, progress)
         costs = store.assemble()
     return SweepResult(

@@ -13,12 +13,13 @@ import os
 import re
 import stat
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import jax
 import numpy as np
 from jax.typing import DTypeLike
+from jaxtyping import PyTree
 
 from fpjax.errors import FpjaxWarning, InputError
 from fpjax.output.json_object import JsonObject
@@ -30,7 +31,7 @@ from .result import versions
 from .sweep_axis import Axis
 
 MANIFEST = "sweep.json"
-FORM = 2  # version of the file format; 1 had no checksums
+FORM = 3  # version of the file format; 1 had no checksums, 2 no parts
 NAMED = 5  # most damaged chunks that a warning lists
 _CHUNK_NAME = re.compile(r"chunk-(\d{7,})\.npy")
 _PARTIAL_NAME = re.compile(r"\.(chunk-\d{7,}|cost)\.npy\..*\.partial")
@@ -57,6 +58,7 @@ class SweepStore:
         dtype: DTypeLike,
         *,
         resume: bool,
+        parts: Mapping[str, str] | None = None,
     ):
         """Open the folder of a sweep, or create it.
 
@@ -68,6 +70,7 @@ class SweepStore:
             chunk: candidates of one file.
             dtype: of the costs.
             resume: use the chunks that are there.
+            parts: from `fingerprints`, to name what differs in a refused sweep.
 
         Raises:
             InputError: for a folder of another sweep, one that another process works in, or one that cannot be written.
@@ -75,6 +78,7 @@ class SweepStore:
         self.folder = None if folder is None else Path(folder)
         self.identity, self._total, self._columns, self._chunk = identity, total, columns, chunk
         self._dtype = np.dtype(dtype)
+        self._parts = dict(parts or {})
         self._pieces = -(-total // chunk)
         self._kept: dict[int, np.ndarray] = {}
         self._lock: FolderLock | None = None
@@ -121,8 +125,8 @@ class SweepStore:
             raise InputError(f"{folder} holds a sweep already: use resume=True to go on, or another folder.")
         if known is not None and known.get("identity") != self.identity:
             raise InputError(
-                f"{folder} holds another sweep (other axes, loop, reference, settings or versions): resume it "
-                "as it was begun, or use another folder."
+                f"{folder} holds another sweep (other {self._others(known)}): resume it as it was begun, or use "
+                "another folder."
             )
         for entry in list(os.scandir(folder)):  # left by a killed writer: we hold the lock
             if _PARTIAL_NAME.fullmatch(entry.name):
@@ -142,6 +146,7 @@ class SweepStore:
         content = {
             "form": FORM,
             "identity": self.identity,
+            "parts": self._parts,
             "candidates": self._total,
             "chunk": self._chunk,
             "columns": self._columns,
@@ -150,6 +155,13 @@ class SweepStore:
         }
         write_whole(folder / MANIFEST, json.dumps(content | {"sha256": _checksum(content)}, indent=1))
         self._fresh = True
+
+    def _others(self, known: JsonObject) -> str:
+        """Which parts of the sweep in the folder are not this one's; all that may be, where it does not say."""
+        theirs = known.get("parts")
+        theirs = theirs if isinstance(theirs, dict) else {}
+        differing = [part for part, own in self._parts.items() if theirs.get(part, own) != own]
+        return " and ".join(differing) or "axes, loop, reference, settings or versions"
 
     def path(self, piece: int) -> Path:
         """The file of one chunk."""
@@ -311,8 +323,28 @@ def fingerprint(problem: Problem, axes: Sequence[Axis], chunk: int) -> str:
     Raises:
         InputError: for a lambda or a function defined within another: its code is not hashed, and its name is shared.
     """
+    return _checksum({"form": FORM} | fingerprints(problem, axes, chunk))
+
+
+def fingerprints(problem: Problem, axes: Sequence[Axis], chunk: int) -> dict[str, str]:
+    """A hash of each part of `fingerprint`, by the word that a refused sweep names it with.
+
+    Raises:
+        InputError: as `fingerprint` does.
+    """
+    settings = (problem.stepper, problem.time, problem.noise, problem.plants, problem.objective)
+    return {
+        "axes or chunk": _digest(problem.space, repr([*axes, chunk, problem.parameters])),
+        "loop": _digest(problem.loop),
+        "reference": _digest(problem.references),
+        "settings": _digest(settings, repr((problem.seeds, problem.aggregate))),
+        "versions": _checksum(dict(versions())),
+    }
+
+
+def _digest(part: PyTree, more: str = "") -> str:
     digest = hashlib.sha256()
-    leaves, structure = jax.tree.flatten(problem)
+    leaves, structure = jax.tree.flatten(part)
     # The tree structure as text holds the static fields: names, functions, numbers of bins.
     text = str(structure)
     if unnamed := re.search(r"<function ([^ >]*<(?:lambda|locals)>[^ ]*)", text):
@@ -320,14 +352,12 @@ def fingerprint(problem: Problem, axes: Sequence[Axis], chunk: int) -> str:
             f"The loop or the objective holds {unnamed[1]}, a function without a name of its own, which a resumed "
             "sweep cannot tell from another one: use a function defined at the top of a module, or leave out=."
         )
-    digest.update(f"form {FORM} {_stable(text)}".encode())
-    digest.update(json.dumps(versions(), sort_keys=True).encode())
+    digest.update(f"{_stable(text)} {more}".encode())
     for leaf in leaves:
         array = np.asarray(leaf)
         # Type and shape first: equal bytes of another shape are another array.
         digest.update(f"{array.dtype}{array.shape}".encode())
         digest.update(array.tobytes())
-    digest.update(repr([*axes, chunk]).encode())
     return digest.hexdigest()
 
 

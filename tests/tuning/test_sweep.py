@@ -114,10 +114,14 @@ def test_a_folder_of_another_sweep_is_refused(tmp_path):
     tuning.sweep(efp(150.0), SINE, chunk=8, out=tmp_path, **COMMON)
     with pytest.raises(InputError, match="holds a sweep already"):
         tuning.sweep(efp(150.0), SINE, chunk=8, out=tmp_path, **COMMON)
-    for other in ({"loop": efp(120.0)}, {"reference": CONSTANT}, {"chunk": 9}, {"axes": AXES[:1]}, {"solver": "rk4"}):
+    for other, named in (
+        ({"loop": efp(120.0)}, "loop"), ({"reference": CONSTANT}, "reference"), ({"chunk": 9}, "axes or chunk"),
+        ({"axes": AXES[:1]}, "axes or chunk"), ({"solver": "rk4"}, "reference and settings"),
+        ({"loop": efp(120.0), "aggregate": "worst"}, "loop and settings"),
+    ):  # fmt: skip
         settings = {"chunk": 8, **COMMON, **other}
         loop, reference = settings.pop("loop", efp(150.0)), settings.pop("reference", SINE)
-        with pytest.raises(InputError, match="another sweep"):
+        with pytest.raises(InputError, match=rf"holds another sweep \(other {named}\): resume it as it was begun"):
             tuning.sweep(loop, reference, out=tmp_path, resume=True, **settings)
 
 
@@ -229,7 +233,7 @@ def test_a_function_without_a_name_is_refused_where_the_sweep_is_kept(tmp_path):
 def test_chunks_of_other_versions_are_another_sweep(tmp_path, monkeypatch):
     tuning.sweep(efp(150.0), SINE, out=tmp_path, **COMMON)
     monkeypatch.setattr("tuning.sweep_store.versions", lambda: {"jax": "0.0"})
-    with pytest.raises(InputError, match="or versions"):
+    with pytest.raises(InputError, match=r"\(other versions\)"):
         tuning.sweep(efp(150.0), SINE, out=tmp_path, resume=True, **COMMON)
 
 
