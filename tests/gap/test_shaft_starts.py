@@ -12,8 +12,8 @@ from fpjax import diagnose, load_model
 from fpjax.gap import EFFECTS
 from fpjax.gap.effects.parameters import largest_gap
 from fpjax.gap.fit import imposed_motion
-from fpjax.gap.fit.candidate import NOMINAL, Start
-from fpjax.gap.fit.hidden_starts import estimate_hidden_states
+from fpjax.gap.fit.candidate import NOMINAL, Start, held
+from fpjax.gap.fit.hidden_starts import estimate_hidden_states, fit_hidden_states
 from fpjax.gap.fit.imposed_motion import ImposedMotion, Objective
 from fpjax.gap.fit.screen import from_bases
 from fpjax.gap.fit.shaft_starts import APART, BANDS, DESCENTS, FACES, HARD, _descents
@@ -25,6 +25,10 @@ GAP, LOAD = 0.02, 0.02  # rad, kg m^2 of the 0.05
 STIFFNESS, DAMPING = 1200.0, 2.4
 RUBBING = 0.15  # N m on the load, of 0.55
 BY_NAME = {effect.name: effect for effect in EFFECTS}
+TRUE = {
+    "gap": GAP, "frequency": 50.3, "damping_ratio": 0.316, "load_share": LOAD / 0.05, "friction_share": RUBBING / 0.55,
+    "viscous_share": 0.0, "load_side": 0.0, "inertia": 0.05, "coulomb": 0.55, "viscous": 0.03,
+}  # fmt: skip
 NAMES = ("backlash", "compliance", "constant_torque", "stribeck", "actuator_lag")
 
 
@@ -333,3 +337,48 @@ def test_a_window_at_a_wrong_speed_is_begun_afresh_where_that_is_asked_for(searc
             search.fitters[key], search.hidden_states[key], search.records, [c], search.train, afresh=afresh
         )
         assert bool(c.states[0][0, window] == 0.0) is afresh
+
+
+@pytest.mark.long
+def test_a_load_that_rests_within_its_gap_as_the_log_begins_is_found_there(search):
+    """Away from both faces: from either of them the whole first window is simulated wrong."""
+    c = search.candidate(Start((BY_NAME["backlash"],), NOMINAL, TRUE))
+    (first,) = np.flatnonzero(search.records[0].starts[search.train[0]] == 0)
+    c.hidden[0][0] = 0.5 * GAP
+    estimate_hidden_states(
+        search.fitters[c.family.key], search.hidden_states[c.family.key], search.records, [c], search.train
+    )
+    twist, rate = c.hidden[0][:, search.train[0][first]]
+    assert abs(twist) < 0.3 * 0.5 * GAP
+    assert rate == 0.0
+    others = np.delete(search.train[0], first)
+    assert np.all(np.abs(c.hidden[0][0, others]) > 0.5 * 0.5 * GAP)  # driven to and fro: the load lies at a face
+
+
+@pytest.mark.long
+def test_start_states_are_fitted_from_all_that_they_may_be_and_the_best_is_kept(search):
+    effects = (BY_NAME["backlash"],)
+    key = search.family(effects).key
+    fitter, hidden = search.fitters[key], search.hidden_states[key]
+    chosen = search.train[0]
+
+    def costs(c):
+        (out,) = fitter.coefficients([c], 0, chosen)
+        return fitter.window_costs(c, 0, chosen, out) + fitter.state_prior(c, 0, chosen)
+
+    right = search.candidate(Start(effects, NOMINAL, TRUE))
+    search.go_on([right], search.train, 6, white=False)
+    best, wrong = held(right), held(right)
+    # Each window at the face where the load is not; its rate and angle stay.
+    wrong.hidden[0][0] = -np.copysign(0.5 * GAP, right.hidden[0][0])
+    wrong.states[0][2:] = 0.0
+    before = costs(wrong)
+    assert np.sum(before) > np.sum(costs(right)) + 1000.0
+    vector = wrong.vector.copy()
+    for c in (wrong, best):
+        fit_hidden_states(fitter, hidden, search.records, [c], search.train, 4)
+    assert np.all(costs(wrong) <= before)
+    # From the wrong faces as well as from the right ones, and never worse than what was there.
+    assert np.all(costs(best) <= costs(right) + 1e-6)
+    assert np.sum(costs(wrong)) < np.sum(costs(right)) + 20.0
+    np.testing.assert_array_equal(wrong.vector, vector)

@@ -214,6 +214,16 @@ def make_candidate(
     )  # fmt: skip
 
 
+def held(c: Candidate) -> Candidate:
+    """A copy of a candidate with no parameter free, to fit the start values of windows alone."""
+    none = np.zeros(0)
+    return replace(
+        c, free=np.zeros(0, int), low=none, high=none, center=none, spread=none, scale=none, reach=none,
+        states=[s.copy() for s in c.states], hidden=[h.copy() for h in c.hidden], converged=False, damping=1e-3,
+        beside=np.inf,
+    )  # fmt: skip
+
+
 @dataclass(frozen=True)
 class Start:
     """A set of causes and the start values of its fit.

@@ -10,14 +10,14 @@ from ...logs.arrays import Values
 from ..data.record import Record
 from ..simulate.family import Key
 from ..simulate.hidden_states import HiddenStates
-from .candidate import Candidate, Fit
-from .hidden_starts import estimate_hidden_states
+from .candidate import Candidate, Fit, held
+from .hidden_starts import fit_hidden_states
 from .least_squares import Fitter, Linear
 from .measure import Measure
 from .modes import Modes
 
-# Steps for the start values of withheld windows, in two rounds, each after an estimate of the hidden states; together
-# where there are none. (Three steps were too few: an exact model could lose 170,000 nats on one withheld window.)
+# Steps for the start values of withheld windows: from each of the hidden states that they may have, then from the best;
+# together where there are none. (Three were too few: an exact model could lose 170,000 nats on one withheld window.)
 PROPER = (4, 8)
 
 
@@ -45,7 +45,7 @@ def scores(search: Scoring, candidates: Sequence[Candidate]) -> list[Fit]:
             here. Those of one family run side by side: the withheld windows of one would leave most lanes empty.
     """
     found: dict[int, Fit] = {}
-    # By the faces of a backlash too: `estimate_hidden_states` tries them for all of its candidates or for none.
+    # By the faces of a backlash too: `fit_hidden_states` tries them for all of its candidates or for none.
     kinds = [(c.family.key, any(p.name == "gap" for e in c.effects for p in e.parameters)) for c in candidates]
     for kind in dict.fromkeys(kinds):
         some = [c for c, own in zip(candidates, kinds, strict=True) if own == kind]
@@ -60,13 +60,7 @@ def _scores(search: Scoring, candidates: Sequence[Candidate]) -> list[Fit]:
     still = []
     for c, parts in zip(candidates, every, strict=True):
         c.level, c.white = fitter.best_level([(p.which, p.windows, p.c) for p in parts], white=False), False
-        fixed = replace(
-            # The same values with no parameter free: on withheld windows the start values alone are fitted.
-            c, free=np.zeros(0, int), low=np.zeros(0), high=np.zeros(0), center=np.zeros(0), spread=np.ones(0),
-            scale=np.zeros(0), reach=np.zeros(0), states=[s.copy() for s in c.states],
-            hidden=[h.copy() for h in c.hidden], converged=False, damping=1e-3, beside=np.inf,
-        )  # fmt: skip
-        still.append(fixed)
+        still.append(held(c))  # on withheld windows the start values alone are fitted
     left_out, fits, judge = _withheld_parts(search, still, fitter), [], fitter.judging
     for c, fixed, parts, withheld in zip(candidates, still, every, left_out, strict=True):
         # The level is not a parameter of the machine, so that all windows may determine it. If the fitted ones alone
@@ -94,21 +88,14 @@ def _withheld_parts(search: Scoring, still: Sequence[Candidate], fitter: Fitter)
     if not any(len(chosen) for chosen in search.withheld):
         return [[] for _ in still]
 
-    def rest(first: int) -> None:
-        """Start values from the state `first` on back at their estimates."""
-        for fixed in still:
-            for s, chosen in zip(fixed.states, search.withheld, strict=True):
-                s[first:, chosen] = 0.0
-
-    rest(0)
+    for fixed in still:
+        for s, chosen in zip(fixed.states, search.withheld, strict=True):
+            s[:, chosen] = 0.0
     own = search.hidden_states.get(still[0].family.key)
-    for steps in PROPER if own is not None else (sum(PROPER),):
-        if own is not None:
-            estimate_hidden_states(fitter, own, search.records, still, search.withheld)
-            rest(2)
-        for fixed in still:
-            fixed.converged = False
-        fitter.go_on(still, search.withheld, steps, white=False, adapt=False)
+    first, then = PROPER
+    if own is not None:
+        fit_hidden_states(fitter, own, search.records, still, search.withheld, first)
+    fitter.go_on(still, search.withheld, then if own is not None else first + then, white=False, adapt=False)
     return fitter.linearise(still, search.withheld)
 
 

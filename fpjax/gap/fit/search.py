@@ -16,9 +16,9 @@ from ..effects.effect import Effect
 from ..simulate.family import Family, Key, Nominal, Runner, key_for, make_family
 from ..simulate.hidden_states import HiddenStates
 from .band import highest_of_speed, level_with_bursts, real_noise, unanswered
-from .candidate import NOMINAL, Candidate, Fit, Start, make_candidate
+from .candidate import NOMINAL, Candidate, Fit, Start, held, make_candidate
 from .guide import guide_bandwidth
-from .hidden_starts import estimate_hidden_states
+from .hidden_starts import estimate_hidden_states, fit_hidden_states
 from .imposed_motion import ImposedMotion
 from .least_squares import Fitter
 from .make_modes import make_modes
@@ -39,6 +39,7 @@ FIRST, THEN = (
 )  # starts of a transmission that go on from a few windows to all, and (of all causes) after some steps
 MET = 0.2  # of a parameter's typical change (a resonance's and a gap's own value): nearer two fits have met [1]
 COLOURED = 25  # most steps with a level of the missing torque for each octave (coloured, not white)
+ANEW = 4  # steps of the start states alone, from each that a window's hidden states may be
 BAND = 0.25  # of the Nyquist frequency: above it residuals show the drive's sampling and rounding, not a cause of a gap
 
 
@@ -413,7 +414,21 @@ class Search:
         for c in candidates:
             c.converged, c.damping = False, min(c.damping, 1.0)
         self.go_on(candidates, self.train, steps, white=False)
+        if steps:
+            self._start_anew(candidates)
         return scores(self, candidates)
+
+    def _start_anew(self, candidates: Sequence[Candidate]) -> None:
+        """Fit the start states of the fitted windows from all that they may be, and go on where that helps."""
+        for key in self.hidden_states:
+            group = [c for c in candidates if c.family.key == key]
+            if not group:
+                continue
+            anew = [held(c) for c in group]
+            fit_hidden_states(self.fitters[key], self.hidden_states[key], self.records, anew, self.train, ANEW)
+            for c, other in zip(group, anew, strict=True):
+                c.states, c.hidden, c.converged = other.states, other.hidden, False
+            self.fitters[key].go_on(group, self.train, COLOURED // 2, white=False)
 
 
 def _new_shaft(c: Candidate, start: Start) -> bool:
