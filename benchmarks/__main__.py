@@ -11,6 +11,7 @@ NAMES = {
     "compare": "Algorithm 1, sweep, gradient and Nelder-Mead at the same objective and budget",
     "defaults": "what tune finds from an untouched file, against the best of many starts",
     "speed": "fpjax against a C++ loop and its peers, with the goals' table",
+    "starts": "whether the diagnosis' own starts lead to the fit that begins at the true values",
     "withheld": "the diagnosis on simulated logs whose effect is withheld, by two generators",
     "plan": "whether a planned run decides what an ambiguous log left open, against a generic one",
     "improve": "gains by improve against gains tuned in the nominal model and in the truth, run in the truth",

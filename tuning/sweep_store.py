@@ -31,6 +31,7 @@ from .result import versions
 from .sweep_axis import Axis
 
 MANIFEST = "sweep.json"
+STEPPING = "step, duration or solver"
 FORM = 3  # version of the file format; 1 had no checksums, 2 no parts
 NAMED = 5  # most damaged chunks that a warning lists
 _CHUNK_NAME = re.compile(r"chunk-(\d{7,})\.npy")
@@ -123,6 +124,8 @@ class SweepStore:
         known = _read_manifest(folder / MANIFEST)
         if there and not resume:
             raise InputError(f"{folder} holds a sweep already: use resume=True to go on, or another folder.")
+        if known is not None and known.get("form") != FORM:
+            raise InputError(f"{folder} holds a sweep that another version of fpjax has kept: use another folder.")
         if known is not None and known.get("identity") != self.identity:
             raise InputError(
                 f"{folder} holds another sweep (other {self._others(known)}): resume it as it was begun, or use "
@@ -161,7 +164,9 @@ class SweepStore:
         theirs = known.get("parts")
         theirs = theirs if isinstance(theirs, dict) else {}
         differing = [part for part, own in self._parts.items() if theirs.get(part, own) != own]
-        return " and ".join(differing) or "axes, loop, reference, settings or versions"
+        if STEPPING in differing and "reference" in differing:
+            differing.remove("reference")  # it is kept as tables at the steps, which differ with them
+        return ", ".join(differing) or "axes, loop, reference, settings or versions"
 
     def path(self, piece: int) -> Path:
         """The file of one chunk."""
@@ -323,21 +328,23 @@ def fingerprint(problem: Problem, axes: Sequence[Axis], chunk: int) -> str:
     Raises:
         InputError: for a lambda or a function defined within another: its code is not hashed, and its name is shared.
     """
-    return _checksum({"form": FORM} | fingerprints(problem, axes, chunk))
+    return _checksum({"form": FORM, "problem": _digest(problem, repr([*axes, chunk])), "versions": dict(versions())})
 
 
 def fingerprints(problem: Problem, axes: Sequence[Axis], chunk: int) -> dict[str, str]:
-    """A hash of each part of `fingerprint`, by the word that a refused sweep names it with.
+    """A hash of each part of a sweep, by the words that name it where a sweep of another one is refused.
 
     Raises:
         InputError: as `fingerprint` does.
     """
-    settings = (problem.stepper, problem.time, problem.noise, problem.plants, problem.objective)
+    cases = (problem.noise, problem.plants, problem.objective)
     return {
-        "axes or chunk": _digest(problem.space, repr([*axes, chunk, problem.parameters])),
+        "axes": _digest(problem.space, repr([*axes, problem.parameters])),
+        "chunk size": str(chunk),
         "loop": _digest(problem.loop),
+        STEPPING: _digest((problem.stepper, problem.time)),
         "reference": _digest(problem.references),
-        "settings": _digest(settings, repr((problem.seeds, problem.aggregate))),
+        "objective or cases": _digest(cases, repr((problem.seeds, problem.aggregate))),
         "versions": _checksum(dict(versions())),
     }
 

@@ -11,8 +11,8 @@ import pytest
 from fpjax import diagnose, load_model
 from fpjax.gap import EFFECTS
 from fpjax.gap.effects.parameters import largest_gap
-from fpjax.gap.fit import imposed_motion
-from fpjax.gap.fit.candidate import NOMINAL, Start, held
+from fpjax.gap.fit import hidden_starts, imposed_motion
+from fpjax.gap.fit.candidate import NOMINAL, Candidate, Start, held
 from fpjax.gap.fit.hidden_starts import estimate_hidden_states, fit_hidden_states
 from fpjax.gap.fit.imposed_motion import ImposedMotion, Objective
 from fpjax.gap.fit.screen import from_bases
@@ -353,6 +353,46 @@ def test_a_load_that_rests_within_its_gap_as_the_log_begins_is_found_there(searc
     assert rate == 0.0
     others = np.delete(search.train[0], first)
     assert np.all(np.abs(c.hidden[0][0, others]) > 0.5 * 0.5 * GAP)  # driven to and fro: the load lies at a face
+
+
+def test_of_several_start_states_the_one_is_kept_that_fits_best_after_some_steps(monkeypatch):
+    """Not the one that fits best before them; in each window its own, and what was there where none is better."""
+    record, begun = SimpleNamespace(starts=np.array([0, 5, 10]), samples=5), {}
+    # (cost before, cost after the steps) of the present states and of two others, by window.
+    ends = {0.0: [(9, 9), (9, 9), (1, 1)], 1.0: [(2, 8), (8, 2), (5, 5)], 2.0: [(7, 3), (3, 7), (np.inf, 0)]}
+
+    def costs(fitter, candidates, which, chosen):
+        found = []
+        for c in candidates:
+            hidden = c.hidden[which][0, chosen]
+            found.append(
+                np.array([ends[at][w][w in begun.get(id(c), ())] for at, w in zip(hidden, chosen, strict=True)], float)
+            )
+        return found
+
+    def go_on(candidates, windows, steps, **words):
+        assert steps == 4
+        begun.update({id(c): set(windows[0]) for c in candidates})
+        kept.extend(candidates)  # else another may get the address of one
+
+    kept = []
+    monkeypatch.setattr(hidden_starts, "_costs", costs)
+    monkeypatch.setattr(hidden_starts, "_options", lambda *arguments: [
+        (arguments[-1], [[np.array([[at] * 3, [0.0] * 3])] for at in (1.0, 2.0)])
+    ])  # fmt: skip
+    c = candidate_of_windows(3)
+    hidden_starts.fit_hidden_states(SimpleNamespace(go_on=go_on), None, [record], [c], [np.arange(3)], 4)
+    assert c.hidden[0][0].tolist() == [2.0, 1.0, 0.0]
+
+
+def candidate_of_windows(count):
+    """A candidate of nothing, with the start states of some windows."""
+    none = np.zeros(0)
+    family = SimpleNamespace(parameters=())
+    return Candidate(
+        (), frozenset(), family, none, np.zeros(0, int), none, none, none, none, none, none, [np.zeros((4, count))],
+        [np.zeros((2, count))],
+    )  # fmt: skip
 
 
 @pytest.mark.long

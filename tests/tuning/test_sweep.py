@@ -115,9 +115,9 @@ def test_a_folder_of_another_sweep_is_refused(tmp_path):
     with pytest.raises(InputError, match="holds a sweep already"):
         tuning.sweep(efp(150.0), SINE, chunk=8, out=tmp_path, **COMMON)
     for other, named in (
-        ({"loop": efp(120.0)}, "loop"), ({"reference": CONSTANT}, "reference"), ({"chunk": 9}, "axes or chunk"),
-        ({"axes": AXES[:1]}, "axes or chunk"), ({"solver": "rk4"}, "reference and settings"),
-        ({"loop": efp(120.0), "aggregate": "worst"}, "loop and settings"),
+        ({"loop": efp(120.0)}, "loop"), ({"reference": CONSTANT}, "reference"), ({"chunk": 9}, "chunk size"),
+        ({"axes": AXES[:1]}, "axes"), ({"solver": "rk4"}, "step, duration or solver"),
+        ({"loop": efp(120.0), "aggregate": "worst"}, "loop, objective or cases"),
     ):  # fmt: skip
         settings = {"chunk": 8, **COMMON, **other}
         loop, reference = settings.pop("loop", efp(150.0)), settings.pop("reference", SINE)
@@ -234,6 +234,14 @@ def test_chunks_of_other_versions_are_another_sweep(tmp_path, monkeypatch):
     tuning.sweep(efp(150.0), SINE, out=tmp_path, **COMMON)
     monkeypatch.setattr("tuning.sweep_store.versions", lambda: {"jax": "0.0"})
     with pytest.raises(InputError, match=r"\(other versions\)"):
+        tuning.sweep(efp(150.0), SINE, out=tmp_path, resume=True, **COMMON)
+
+
+def test_a_sweep_of_another_form_says_so(tmp_path, monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.setattr("tuning.sweep_store.FORM", 2)
+        tuning.sweep(efp(150.0), SINE, out=tmp_path, **COMMON)
+    with pytest.raises(InputError, match="holds a sweep that another version of fpjax has kept"):
         tuning.sweep(efp(150.0), SINE, out=tmp_path, resume=True, **COMMON)
 
 

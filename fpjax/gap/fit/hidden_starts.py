@@ -8,7 +8,7 @@ import numpy as np
 from ...logs.arrays import Values
 from ..data.record import Record
 from ..simulate.hidden_states import HiddenStates
-from .candidate import Candidate
+from .candidate import Candidate, held
 from .least_squares import Fitter
 
 FACES = (1.0, -1.0)  # of a backlash: places of the load in its gap, in halves of it from its middle [1]
@@ -22,7 +22,7 @@ def estimate_hidden_states(
     """Estimate the hidden states at the windows' starts, and keep in each window the estimate that fits best.
 
     Tried are the present one, the estimate from the past, the end of the window before, either face of a backlash, and
-    where no window is before, places between them (a log begins at rest, with the load anywhere in its gap); each
+    where no window is before, places between them (most logs begin at rest, the load anywhere in its gap); each
     beside the rate and the angle as they are fitted, and where asked for as the readings have them. (A window that
     fits its speed to the wrong phase of a shaft's vibration does not find out by itself; its misfit then raised the
     level, and with it every other window's.)
@@ -36,20 +36,14 @@ def estimate_hidden_states(
         afresh: whether the rate and the angle as the readings have them are tried too.
     """
     for which, chosen in enumerate(windows):
-        if not len(chosen):
-            continue
-        options = _options(fitter, hidden_states, records[which], candidates, which, chosen)
-        best = _costs(fitter, candidates, which, chosen)
-        trials = [
-            [_started(c, which, chosen, at, first) for c, at in zip(candidates, one, strict=True)]
-            for one in options
-            for first in ((0, 2) if afresh else (2,))
-        ]
-        # All of them in one run: alone most have fewer lanes than the loop runs at once.
-        costs = iter(_costs(fitter, [trial for one in trials for trial in one], which, chosen))
-        for one in trials:
-            for i, (c, trial) in enumerate(zip(candidates, one, strict=True)):
-                best[i] = _kept(c, trial, which, chosen, best[i], next(costs))
+        for some, options in _options(fitter, hidden_states, records[which], candidates, which, chosen):
+            best = _costs(fitter, candidates, which, some)
+            trials = [
+                [_started(c, which, some, at, first) for c, at in zip(candidates, one, strict=True)]
+                for one in options
+                for first in ((0, 2) if afresh else (2,))
+            ]
+            _keep_best(fitter, candidates, trials, which, some, best)
 
 
 def fit_hidden_states(
@@ -58,37 +52,43 @@ def fit_hidden_states(
 ) -> None:  # fmt: skip
     """Fit the start states of windows alone, and keep in each window the fit that is best, or the states as they are.
 
-    Fitted is from each of the hidden states that `estimate_hidden_states` tries. (Which of them a fit ends best from
-    is not the one that fits best before it: two windows of a right backlash cost 400 nats each.)
+    Fitted is on from the present states, and from each of the hidden states that `estimate_hidden_states` tries beside
+    the rate and the angle as they are. (Which of them a fit ends best from is not the one that fits best before it: two
+    windows of a right backlash cost 400 nats each.)
 
     Args:
         fitter: of the candidates' family.
         hidden_states: likewise.
         records: the logs.
-        candidates: of one family, without free parameters; their start states are changed.
+        candidates: of one family; their start states are changed, their parameters are not.
         windows: indices of the windows, one array a record.
         steps: of each fit, at most.
     """
     for which, chosen in enumerate(windows):
-        if not len(chosen):
-            continue
-        alone = [chosen if i == which else np.zeros(0, int) for i in range(len(windows))]
-        options = _options(fitter, hidden_states, records[which], candidates, which, chosen)
-        trials = [[_started(c, which, chosen, at, 2) for c, at in zip(candidates, one, strict=True)] for one in options]
-        every = [trial for one in trials for trial in one]
-        fitter.go_on(every, alone, steps, white=False, adapt=False)
-        best = _costs(fitter, candidates, which, chosen)
-        costs = iter(_costs(fitter, every, which, chosen))
-        for one in trials:
-            for i, (c, trial) in enumerate(zip(candidates, one, strict=True)):
-                best[i] = _kept(c, trial, which, chosen, best[i], next(costs))
+        for some, options in _options(fitter, hidden_states, records[which], candidates, which, chosen):
+            best = _costs(fitter, candidates, which, some)
+            trials = [[held(c) for c in candidates]] + [
+                [_started(held(c), which, some, at, 2) for c, at in zip(candidates, one, strict=True)]
+                for one in options
+            ]
+            for one in trials[1:]:
+                # A window that diverges from where it starts would hold up all others, which share its steps.
+                for c, trial, cost in zip(candidates, one, _costs(fitter, one, which, some), strict=True):
+                    lost = some[~np.isfinite(cost)]
+                    trial.hidden[which][:, lost] = c.hidden[which][:, lost]
+                    trial.states[which][:, lost] = c.states[which][:, lost]
+            alone = [some if i == which else np.zeros(0, int) for i in range(len(windows))]
+            fitter.go_on([trial for one in trials for trial in one], alone, steps, white=False, adapt=False)
+            _keep_best(fitter, candidates, trials, which, some, best)
 
 
 def _options(
     fitter: Fitter, hidden_states: HiddenStates, record: Record, candidates: Sequence[Candidate], which: int,
     chosen: Values,
-) -> list[list[Values]]:  # fmt: skip
-    """What the hidden states of windows of a record may be, (2, windows) of each candidate."""
+) -> list[tuple[Values, list[list[Values]]]]:  # fmt: skip
+    """(windows, what their hidden states may be: of each option (2, windows) of each candidate) of a record."""
+    if not len(chosen):
+        return []
     count = len(chosen)
     vectors = np.concatenate([np.repeat(c.vector[:, None], count, 1) for c in candidates], 1)
     centers = hidden_states.centers(vectors, which, np.tile(chosen, len(candidates)))
@@ -97,23 +97,35 @@ def _options(
         [centers[:, i * count : (i + 1) * count] for i in range(len(candidates))],
         _continued(fitter, candidates, which, chosen, follows),
     ]
+    found = [(chosen, options)]
     if any(p.name == "gap" for c in candidates for e in c.effects for p in e.parameters):
-        between = BETWEEN if not np.all(follows) else ()
-        for place in (*FACES, *between):
-            rests = [np.stack([np.full(count, 0.5 * place * c.values()["gap"]), np.zeros(count)]) for c in candidates]
-            if place in between:
-                now = [c.hidden[which][:, chosen] for c in candidates]
-                rests = [np.where(follows, own, at) for own, at in zip(now, rests, strict=True)]
-            options.append(rests)
-    return options
+        options += [_resting(candidates, place, count) for place in FACES]
+        first = chosen[~follows]
+        if len(first):
+            found.append((first, [_resting(candidates, place, len(first)) for place in BETWEEN]))
+    return found
 
 
-def _kept(c: Candidate, trial: Candidate, which: int, chosen: Values, before: Values, after: Values) -> Values:
-    """The lower costs (windows,), the candidate's start states those of the trial where its are the lower ones."""
-    better = chosen[after < before]
-    c.hidden[which][:, better] = trial.hidden[which][:, better]
-    c.states[which][:, better] = trial.states[which][:, better]
-    return np.minimum(before, after)
+def _resting(candidates: Sequence[Candidate], place: float, count: int) -> list[Values]:
+    """Hidden states of windows that begin with the load at a place in its gap, moving with the motor."""
+    halves = [0.5 * c.values()["gap"] for c in candidates]
+    return [np.stack([np.full(count, place * half), np.zeros(count)]) for half in halves]
+
+
+def _keep_best(
+    fitter: Fitter, candidates: Sequence[Candidate], trials: Sequence[Sequence[Candidate]], which: int, chosen: Values,
+    best: list[Values],
+) -> None:  # fmt: skip
+    """Give each window of the candidates the start states of the trial that fits it best; `best`: the present costs."""
+    # All of them in one run: alone most have fewer lanes than the loop runs at once.
+    costs = iter(_costs(fitter, [trial for one in trials for trial in one], which, chosen))
+    for one in trials:
+        for i, (c, trial) in enumerate(zip(candidates, one, strict=True)):
+            after = next(costs)
+            better = chosen[after < best[i]]
+            c.hidden[which][:, better] = trial.hidden[which][:, better]
+            c.states[which][:, better] = trial.states[which][:, better]
+            best[i] = np.minimum(best[i], after)
 
 
 def _started(c: Candidate, which: int, chosen: Values, at: Values, first: int) -> Candidate:

@@ -16,7 +16,7 @@ from .least_squares import Fitter, Linear
 from .measure import Measure
 from .modes import Modes
 
-# Steps for the start values of withheld windows: from each of the hidden states that they may have, then from the best;
+# Steps for the start values of withheld windows, in two rounds, each from all the hidden states that they may have;
 # together where there are none. (Three were too few: an exact model could lose 170,000 nats on one withheld window.)
 PROPER = (4, 8)
 
@@ -92,10 +92,11 @@ def _withheld_parts(search: Scoring, still: Sequence[Candidate], fitter: Fitter)
         for s, chosen in zip(fixed.states, search.withheld, strict=True):
             s[:, chosen] = 0.0
     own = search.hidden_states.get(still[0].family.key)
-    first, then = PROPER
-    if own is not None:
-        fit_hidden_states(fitter, own, search.records, still, search.withheld, first)
-    fitter.go_on(still, search.withheld, then if own is not None else first + then, white=False, adapt=False)
+    if own is None:
+        fitter.go_on(still, search.withheld, sum(PROPER), white=False, adapt=False)
+    else:
+        for steps in PROPER:  # twice: a window may follow another withheld one, whose end means nothing before
+            fit_hidden_states(fitter, own, search.records, still, search.withheld, steps)
     return fitter.linearise(still, search.withheld)
 
 

@@ -16,7 +16,7 @@ from ..effects.effect import Effect
 from ..simulate.family import Family, Key, Nominal, Runner, key_for, make_family
 from ..simulate.hidden_states import HiddenStates
 from .band import highest_of_speed, level_with_bursts, real_noise, unanswered
-from .candidate import NOMINAL, Candidate, Fit, Start, held, make_candidate
+from .candidate import NOMINAL, Candidate, Fit, Start, make_candidate
 from .guide import guide_bandwidth
 from .hidden_starts import estimate_hidden_states, fit_hidden_states
 from .imposed_motion import ImposedMotion
@@ -396,7 +396,7 @@ class Search:
         return [given[i] if i in given and given[i].cost < c.cost else c for i, c in enumerate(found)]
 
     def fitted(self, starts: Sequence[Start]) -> list[Fit]:
-        """Each start fitted on all windows with the same number of steps, in the order of `starts`."""
+        """Each start fitted on all windows for a dozen steps and the last ones, in the order of `starts`."""
         candidates = [self.candidate(start) for start in starts]
         for c, start in zip(candidates, starts, strict=True):
             c.beside = np.inf if start.like is None else start.like.cost
@@ -419,16 +419,15 @@ class Search:
         return scores(self, candidates)
 
     def _start_anew(self, candidates: Sequence[Candidate]) -> None:
-        """Fit the start states of the fitted windows from all that they may be, and go on where that helps."""
-        for key in self.hidden_states:
-            group = [c for c in candidates if c.family.key == key]
-            if not group:
-                continue
-            anew = [held(c) for c in group]
-            fit_hidden_states(self.fitters[key], self.hidden_states[key], self.records, anew, self.train, ANEW)
-            for c, other in zip(group, anew, strict=True):
-                c.states, c.hidden, c.converged = other.states, other.hidden, False
-            self.fitters[key].go_on(group, self.train, COLOURED // 2, white=False)
+        """Fit the start states of the fitted windows from all that they may be, then everything for some steps."""
+        # A backlash may start from the faces of its gap, what has none may not.
+        kinds = [(c.family.key, any(p.name == "gap" for e in c.effects for p in e.parameters)) for c in candidates]
+        for kind in dict.fromkeys(kind for kind in kinds if kind[0] in self.hidden_states):
+            key, group = kind[0], [c for c, own in zip(candidates, kinds, strict=True) if own == kind]
+            fit_hidden_states(self.fitters[key], self.hidden_states[key], self.records, group, self.train, ANEW)
+            for c in group:
+                c.converged, c.damping = False, min(c.damping, 1.0)
+            self.go_on(group, self.train, COLOURED // 2, white=False)
 
 
 def _new_shaft(c: Candidate, start: Start) -> bool:
