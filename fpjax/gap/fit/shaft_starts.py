@@ -149,7 +149,7 @@ def _descended(objective: Objective, points: Values, least: Values, most: Values
     points, one = np.clip(points, least, most), np.eye(len(points))
     damping = np.full(points.shape[1], FACTORS[0])
     bands = len(objective.filters)
-    for used in [*np.repeat(np.arange(1, bands), LED), *[bands] * DESCENT]:
+    for used in [*(band for band in range(1, bands) for _ in range(LED)), *[bands] * DESCENT]:
         before, gradient, matrix = objective.linearised(np.exp(points), used)
         held = ((points <= least) & (gradient.T > 0.0)) | ((points >= most) & (gradient.T < 0.0))  # by a bound
         free = np.where(held.T, 0.0, 1.0)
