@@ -1,6 +1,6 @@
 """Search: fits every set of causes from all its starts: screened on a few windows, the best finished on all."""
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +20,7 @@ from .candidate import NOMINAL, Candidate, Fit, Start, make_candidate
 from .guide import guide_bandwidth
 from .hidden_starts import estimate_hidden_states, fit_hidden_states
 from .imposed_motion import ImposedMotion
+from .leading import FIRST, THEN, compared, leading, new_shaft
 from .least_squares import Fitter
 from .make_modes import make_modes
 from .measure import Measure
@@ -33,11 +34,6 @@ from .stribeck_starts import stribeck_rise
 # Successive halving: after screening ever fewer sets get ever more steps.
 STAGES = ((3, 40), (4, 14), (8, 8), (25, 6))  # (steps on all fitted windows, number of sets that get them)
 AFTER = (0.56, 0.62, 0.67, 0.78)  # share of the run time that is over after each [1]; for the progress display alone
-FIRST, THEN = (
-    4,
-    2,
-)  # starts of a transmission that go on from a few windows to all, and (of all causes) after some steps
-MET = 0.2  # of a parameter's typical change (a resonance's and a gap's own value): nearer two fits have met [1]
 COLOURED = 25  # most steps with a level of the missing torque for each octave (coloured, not white)
 ANEW = 4  # steps of the start states alone, from each that a window's hidden states may be
 BAND = 0.25  # of the Nyquist frequency: above it residuals show the drive's sampling and rounding, not a cause of a gap
@@ -229,21 +225,13 @@ class Search:
         course, record = courses[which], self.records[which]
         waves = repeating_waves(course, record, self.setting)
         rise = stribeck_rise(courses[longest], self.records[longest], c.values(), self.setting)
+        # Their numbers were found beside the nominal model.
         contacts, springs = (
             None if some is None else tuple({k: v for k, v in one.items() if k not in NOMINAL} for one in some)
-            for some in (
-                self.setting.contacts,
-                self.setting.springs,
-            )  # their numbers were found beside the nominal model
+            for some in (self.setting.contacts, self.setting.springs)
         )
-        return replace(
-            self.setting,
-            waves=waves,
-            weight=turning_weight(course, record),
-            rise=rise,
-            contacts=contacts,
-            springs=springs,
-        )
+        weight = turning_weight(course, record)
+        return replace(self.setting, waves=waves, weight=weight, rise=rise, contacts=contacts, springs=springs)
 
     def _longest(self) -> int:
         """Index of the log with the most fitted windows."""
@@ -348,9 +336,9 @@ class Search:
         """
         started = self._started(starts, white=white)
         begun = {id(c): start for c, start in zip(started, starts, strict=True)}
-        fresh = [c for c in started if _new_shaft(c, begun[id(c)])]
+        fresh = [c for c in started if new_shaft(c, begun[id(c)])]
         candidates = screened(self, started, keep[0] if keep else 0, fresh, white=white)
-        going = _leading(candidates, FIRST)
+        going = leading(candidates, FIRST)
         left: dict[tuple[str, ...], Candidate] = {}  # sets dropped after some steps on all windows; scored as they are
         for stage, (steps, most) in enumerate(STAGES):
             most = keep[stage] if stage < len(keep) else most
@@ -372,14 +360,14 @@ class Search:
                     left.setdefault(c.names, c)
             going = [c for c in going if c.names in sets]
             if stage > 0:  # until then costs are those of a few windows
-                going = _leading(going, THEN)
-                _compared(going)
+                going = leading(going, THEN)
+                compared(going)
             self.go_on(going, self.train, steps, white=white)
             self.tick(AFTER[stage])
         finished: dict[tuple[str, ...], Candidate] = {}
         for c in sorted(going, key=lambda c: c.cost):
             finished.setdefault(c.names, c)
-        _compared(finished.values())
+        compared(finished.values())
         found = self.finish(list(finished.values())) + self.finish(list(left.values()), 0)
         self.tick(1.0)
         return found
@@ -428,39 +416,3 @@ class Search:
             for c in group:
                 c.converged, c.damping = False, min(c.damping, 1.0)
             self.go_on(group, self.train, COLOURED // 2, white=False)
-
-
-def _new_shaft(c: Candidate, start: Start) -> bool:
-    """Whether the causes of a candidate bring a transmission that no fit has found yet."""
-    brought = any(effect.structure == "transmission" for effect in c.effects)
-    return brought and (start.like is None or start.like.family.key[0] != "transmission")
-
-
-def _leading(candidates: Collection[Candidate], most: int) -> list[Candidate]:
-    """The best candidates of each set of causes that have not met: `THEN` at most, `most` of those with a transmission,
-    which has several local minima.
-    """
-    best: dict[tuple[str, ...], list[Candidate]] = {}
-    for c in sorted(candidates, key=lambda c: c.cost):
-        group = best.setdefault(c.names, [])
-        room = len(group) < (most if c.family.key[0] == "transmission" else min(most, THEN))
-        if room and not any(_met(c, other) for other in group):
-            group.append(c)
-    return [c for group in best.values() for c in group]
-
-
-def _met(c: Candidate, other: Candidate) -> bool:
-    """Whether two candidates of the same causes are within `MET` of each other in every parameter."""
-    # A resonance and a clearance are told by their ratios: they span decades.
-    spans = np.array([c.family.parameters[i].name in ("frequency", "gap") for i in c.free], bool)
-    near = MET * np.where(spans, np.abs(c.vector[c.free]), c.scale)
-    fixed = np.delete(np.arange(len(c.vector)), c.free)  # the side of the sensors
-    met = np.all(np.abs(c.vector[c.free] - other.vector[c.free]) <= near)
-    return bool(met and np.array_equal(c.vector[fixed], other.vector[fixed]))
-
-
-def _compared(candidates: Collection[Candidate]) -> None:
-    """The likeliest of these candidates becomes the one that all are compared with."""
-    best = min((c.cost for c in candidates), default=np.inf)
-    for c in candidates:
-        c.beside = best
