@@ -22,6 +22,7 @@ from jaxtyping import Array, Float
 
 from ..gap.data.split import every_fourth
 from ..gap.data.tables import TAPS, Guide, Tables
+from ..gap.effects.vocabulary import stiffness_of
 from ..gap.simulate.replay import advance, assembled, begin, residuals
 from ..gap.simulate.windows import Windows
 from .lanes import RivalLanes
@@ -144,7 +145,7 @@ def _hidden(shop: Shop, lanes: RivalLanes, fields: dict[str, Array]) -> Float[Ar
     share = of("load_share")
     friction = of("friction_share") * of("coulomb") * side + of("viscous_share") * of("viscous") * speed
     shaft = share * of("inertia") * slope + friction
-    stiffness = of("inertia") * share * (1.0 - share) * (2.0 * jnp.pi * of("frequency")) ** 2
+    stiffness = stiffness_of({name: of(name) for name in ("inertia", "load_share", "frequency", "shaft_inertia")})
     face = 0.5 * of("gap") * jnp.tanh(shaft / (0.1 * setting.friction))
     return jnp.stack([shaft / stiffness + face, nothing])
 

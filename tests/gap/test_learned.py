@@ -23,9 +23,15 @@ def wave(position):
     return 0.05 * np.cos(4.0 * position) + 0.03 * np.sin(position)
 
 
+def spring(position):
+    """From the middle of a travel of three revolutions on, stiffer towards the end."""
+    return 0.01 * (position - 10.0) + 0.0004 * (position - 10.0) ** 3
+
+
 CASES = {
     "velocity": {"law": lambda v, x, u, t: bend(v)},
     "position": {"law": lambda v, x, u, t: wave(x), "drift": 2.0},
+    "spring": {"law": lambda v, x, u, t: spring(x), "drift": 2.0},
     "torque": {"law": lambda v, x, u, t: 0.15 * u},
     "nothing": {"law": lambda v, x, u, t: 0.0},
     "push": {"law": lambda v, x, u, t: 0.0, "push": (4.2, 4.6, 0.6)},
@@ -116,6 +122,17 @@ def test_a_wave_over_position_is_not_a_curve_of_velocity():
     assert law.of == "position"
     assert law.period == pytest.approx(2.0 * np.pi)
     assert inside(law, wave) >= 0.8
+
+
+@pytest.mark.long
+def test_a_spring_over_several_revolutions_is_a_law_of_the_whole_travel():
+    (law,) = learned("spring").laws
+    assert law.of == "position"
+    assert law.period is None
+    assert law.at[-1] - law.at[0] > 4.0 * np.pi
+    assert inside(law, spring) >= 0.8
+    search, fit = found("spring").search, found("spring").fit
+    assert missing(search, learned("spring").fit) < 0.2 * missing(search, fit)
 
 
 @pytest.mark.long

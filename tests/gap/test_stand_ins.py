@@ -11,7 +11,7 @@ from fpjax.gap.answer.judge import Judged
 from fpjax.gap.effects.parameters import RIPPLE
 from fpjax.gap.fit.candidate import Fit, Start
 from fpjax.gap.select import decision
-from fpjax.gap.select.decision import STRIBECK, _plausible, _stribeck_anew
+from fpjax.gap.select.decision import STRIBECK, _plausible, _stribeck_anew, _with_right_numbers
 from fpjax.gap.select.detectability import _drives
 from fpjax.gap.select.statement import Verdict
 from fpjax.gap.select.weighed import Weighed
@@ -27,7 +27,7 @@ def model(effects, evidence, left, numbers=None, given=None):
         effects=tuple(law(name, ("position",) if name == "cogging" else ("velocity",)) for name in effects),
         structural=tuple(effects), wide=frozenset(numbers), values=lambda: GIVEN | (given or {}) | numbers,
     )  # fmt: skip
-    fit = SimpleNamespace(candidate=candidate, evidence=evidence)
+    fit = SimpleNamespace(candidate=candidate, evidence=evidence, undrowned=evidence)
     fit.model = Weighed(fit, evidence, evidence, left)
     return fit.model
 
@@ -82,6 +82,9 @@ def test_a_viscous_friction_of_five_times_the_given_one_stands_for_a_likelier_dr
     assert told([more, drag]) is drag
     other = model((*effects, "quadratic_drag"), 2100.0, 0.05, {"inertia": 2.1})
     assert told([other]) is other
+    # But none as far off, which would stand for the law in its turn.
+    swapped = model((*effects, "quadratic_drag"), 2100.0, 0.05, {"inertia": 2.0 * (1.0 - 1.1 * THRESHOLDS.wild)})
+    assert told([swapped]) is wild
     # It must be likelier for sure, leave less, and be resolved by the log.
     for near in (
         model(drag.structural, 1500.0 + 0.5 * THRESHOLDS.decisive, 0.05),
@@ -135,6 +138,46 @@ def test_a_drag_is_found_where_a_stribeck_curve_stands_for_the_coulomb_friction(
     plain = model(("cogging",), 1500.0, 0.06, {"viscous": 0.3})
     beside = model(("cogging", "quadratic_drag"), 1600.0, 0.05, {"viscous": 0.25})
     assert replaced(monkeypatch, plain, [beside], anew=[back.fit])[0] is plain
+
+
+def test_a_drag_beside_right_numbers_is_told_where_a_stribeck_curve_with_two_wild_ones_bends_a_little_better(
+    monkeypatch,
+):
+    """One log of a motor with a drag of the power 2.1: 29 of 8,800 nats, with a third of the Coulomb friction."""
+    monkeypatch.setattr(decision, "nominal_sizes", lambda setting: GIVEN)
+    monkeypatch.setattr(decision, "settled", lambda search, exact, weighed: weighed)
+    monkeypatch.setattr(decision, "resolved", lambda search, fit: "unresolved" not in fit.candidate.structural)
+    monkeypatch.setattr(decision, "whole_gap", lambda search, exact, fit: 1.0)
+    exact = SimpleNamespace(fit=model((), 0.0, 1.0).fit, left=lambda fit: fit.model.left)
+    wild = model(("stribeck", "offset"), 8800.0, 0.05, {"coulomb": 0.15, "viscous": 0.25})
+    drag = model(("quadratic_drag", "offset"), 8770.0, 0.06, {"inertia": 2.1})
+
+    def told(*found, chosen=wild):
+        return _with_right_numbers(SimpleNamespace(setting=None), exact, chosen, [chosen, *found])
+
+    assert told(drag) is drag
+    assert told(model(("quadratic_drag",), 8730.0, 0.06), drag) is drag
+    for worse in (
+        model(drag.structural, 8800.0 * (1.0 - 1.1 * THRESHOLDS.factor), 0.06),
+        model(drag.structural, 8770.0, 1.1 * THRESHOLDS.matters**0.5),
+        model((*drag.structural, "cogging"), 8770.0, 0.06),
+        model((), 8770.0, 0.06),
+        model(("unresolved",), 8770.0, 0.06),
+        # Nor where one of the two stays wrong, another one goes off, or a law of its own holds them.
+        model(drag.structural, 8770.0, 0.06, {"viscous": 0.12}),
+        model(drag.structural, 8770.0, 0.06, {"inertia": 1.0}),
+        by_direction(8770.0, 0.06),
+    ):
+        assert told(worse) is wild
+    # One number alone may come back by chance.
+    single = model(wild.structural, 8800.0, 0.05, {"coulomb": 0.15})
+    assert told(drag, chosen=single) is single
+
+
+def by_direction(evidence, left):
+    found = model(("asymmetric_friction",), evidence, left)
+    found.fit.candidate.effects = (law("asymmetric_friction", held=("coulomb", "viscous")),)
+    return found
 
 
 def test_a_start_anew_has_the_numbers_as_given_and_a_stribeck_friction_of_its_own():

@@ -33,13 +33,13 @@ dt = 1e-3
 """
 
 
-def recorded(seconds=8.0, dt=1e-3, fine=40):
+def recorded(seconds=8.0, dt=1e-3, fine=40, faster=1.0):
     """Two halves with friction on the load, whose position a fine encoder reads: semi-implicit Euler, dt / 40."""
     h = dt / fine
     motor, load, behind, position = 0.0, 0.0, 0.0, 0.0
     rows = []
     for time in dt * np.arange(round(seconds / dt)):
-        wanted = 0.9 * np.sin(2 * np.pi * 0.11 * time) + 0.15 * np.sin(2 * np.pi * 0.37 * time)
+        wanted = 0.9 * np.sin(2 * np.pi * 0.11 * faster * time) + 0.15 * np.sin(2 * np.pi * 0.37 * faster * time)
         torque = np.clip(20.0 * (wanted - behind) - 0.25 * motor, -6.0, 6.0)
         rows.append((time, torque, position))
         for _ in range(fine):
@@ -90,3 +90,17 @@ def test_what_is_missing_beside_the_shaft_is_found_with_its_size(log, effects):
     assert found.ranking[0].parameters["stribeck_torque"].value == pytest.approx(EXTRA, rel=0.03)
     assert any("presliding is not tried" in warning for warning in found.warnings) == (effects is FEW)
     assert all(entry.effect != "presliding" for entry in found.ranking)
+
+
+@pytest.mark.long
+def test_a_wrong_inertia_leaves_the_known_shaft_as_it_is():
+    """Stiffness and damping are as given, not the resonance; the log begins in motion, with the shaft wound up."""
+    late = {name: values[500:] for name, values in recorded(6.0, faster=10.0).items()}
+    light = MODEL.replace(f"_inertia = {TOTAL / 2}", f"_inertia = {0.7 * TOTAL / 2}")
+    inertia = tuple(e for e in fp.gap.EFFECTS if e.name == "inertia_error")
+    found = fp.diagnose(late, light, effects=FEW + inertia)
+    assert found.causes == ("inertia_error",)
+    assert found.ranking[0].parameters["inertia"].value == pytest.approx(TOTAL, rel=0.03)
+    plant = fp.load_model(found.model).loop.plant
+    assert float(plant.stiffness) == pytest.approx(STIFFNESS, rel=1e-4)
+    assert float(plant.damping) == pytest.approx(DAMPING, rel=1e-4)

@@ -20,13 +20,13 @@ Variable = Literal["velocity", "position", "torque", "time"]
 SPEEDS = 14  # points for each direction, closer towards rest, where friction has its curvature
 ANGLES = 72  # points a revolution, one every 5 deg
 CLOSE = 16  # points of a period that repeats within a revolution: up to its fifth harmonic or so
-STRAIGHT = 40  # points over a travel of less than a revolution, or of a linear axis
+STRAIGHT = 40  # points over the travel
 TORQUES = 17  # points over the range of the commanded torque
 TIMES = 17  # points over the duration
 RESTING = 2.0  # standard deviations of the speed below which its sign is noise
 SMOOTHED = 3.0  # factor by which smoothing lowers the noise of a rate sensor
 ONE_SIDED = 0.01  # share of the samples below which a direction is not learned
-TURNS = 1.5  # revolutions of travel from which a position is taken within one revolution
+TURNS = 1.5  # revolutions of travel from which a position is taken within one revolution too
 
 
 @dataclass(frozen=True)
@@ -150,9 +150,12 @@ def _position_tables(records: Sequence[Record], angles: Sequence[Values], period
     if spread is None:
         return []
     turn = 2.0 * np.pi
+    whole = _table("position", np.linspace(*spread, STRAIGHT), angles)
     if any(r.linear for r in records) or spread[1] - spread[0] < TURNS * turn:
-        return [_table("position", np.linspace(*spread, STRAIGHT), angles)]
-    found = [_table("position", np.arange(ANGLES) * turn / ANGLES, angles, turn)]
+        return [whole]
+    # Over several revolutions a torque may repeat with each, or follow the whole travel, as that of a spring does, or
+    # of a weight behind a gear.
+    found = [_table("position", np.arange(ANGLES) * turn / ANGLES, angles, turn), whole]
     # A torque that repeats often within a revolution needs closer points than one every 5 deg.
     for count in periods:
         if count > ANGLES / CLOSE:

@@ -324,3 +324,6 @@ HARDENING = EffectParameter(
 )
 # Which side the sensors are on: 0 motor, 1 load; set by a start, not fitted.
 LOAD_SIDE = EffectParameter("load_side", "1", _ZERO, _ZERO, _constant(1.0), _constant(1.0), "sensor.load_side")
+# The inertia with which the resonance gives the stiffness: that of a nominal model which has a shaft, so that the shaft
+# stays as it is where the inertia was wrong; 0 for the inertia itself, whatever it is.
+SHAFT_INERTIA = EffectParameter("shaft_inertia", "kg m^2", _ZERO, _ZERO, lambda s: s.inertia, lambda s: s.inertia)

@@ -11,6 +11,7 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 from ...blocks.plants.transmission import Transmission
 from ..data.setting import Setting
@@ -48,6 +49,7 @@ from .parameters import (
     RIPPLE,
     RIPPLE_PERIODS,
     SCALE,
+    SHAFT_INERTIA,
     STRIBECK_EXPONENT,
     STRIBECK_TORQUE,
     STRIBECK_VELOCITY,
@@ -88,7 +90,7 @@ def _compliance(values: dict[str, float], setting: Setting) -> dict[str, tuple[f
     plain, hard = float(stiffness_of(values)), values[HARDENING.name]
     steeper = _steeper(hard, setting.shaft) if hard > 0.0 else 1.0
     found = {
-        "frequency": (values["frequency"] * steeper**0.5, "Hz"),
+        "frequency": (float(resonance_of(values)) * steeper**0.5, "Hz"),
         "stiffness": (plain * steeper, "N m/rad"),
     }
     return found | ({"hardening": (float(_hardening_of(values)), "N m/rad^3")} if hard > 0.0 else {})
@@ -107,8 +109,25 @@ def stiffness_of(values: Values) -> Any:
 
     omega^2 = k (1/J_motor + 1/J_load), so that k = J s (1 - s) omega^2 with the load's share s of the total inertia J.
     """
+    return _reduced_inertia(values) * (2.0 * pi * values["frequency"]) ** 2
+
+
+def resonance_of(values: Values) -> Any:
+    """Free-free resonance of the transmission [Hz] beside the inertia that a model has."""
+    return values["frequency"] * (_shaft_inertia(values) / values["inertia"]) ** 0.5
+
+
+def _reduced_inertia(values: Values) -> Any:
+    """That of the relative motion of the two masses, J s (1 - s) [kg m^2]."""
     share = values["load_share"]
-    return values["inertia"] * share * (1.0 - share) * (2.0 * pi * values["frequency"]) ** 2
+    return _shaft_inertia(values) * share * (1.0 - share)
+
+
+def _shaft_inertia(values: Values) -> Any:
+    """Inertia [kg m^2] with which resonance and damping ratio are meant."""
+    known = values.get(SHAFT_INERTIA.name, 0.0)
+    where = jnp.where if isinstance(known, Array) else np.where
+    return where(known > 0.0, known, values["inertia"])
 
 
 def _hardening_of(values: Values) -> Any:
@@ -127,6 +146,7 @@ def shaft_values(machine: Machine) -> dict[str, float]:
         FREQUENCY.name: float(plant.resonance()),
         DAMPING_RATIO.name: ratio,
         LOAD_SIDE.name: float(machine.sensor.load_side),
+        SHAFT_INERTIA.name: float(plant.inertia),
         HARDENING.name: float(plant.hardening) / float(plant.stiffness) ** 3,
     }
 
@@ -182,10 +202,9 @@ def _joined(*more: EffectParameter) -> Callable[[Machine, Values], Machine]:
 
     def apply(machine: Machine, values: Values) -> Machine:
         parameters = (LOAD_SHARE, FRICTION_SHARE, VISCOUS_SHARE, LOAD_SIDE, *more)
-        share, stiffness = values["load_share"], stiffness_of(values)
-        # The relative motion of the two masses has the reduced inertia J s (1 - s); critical damping is 2 sqrt(k J_r).
-        reduced = values["inertia"] * share * (1.0 - share)
-        damping = 2.0 * values["damping_ratio"] * jnp.sqrt(stiffness * reduced)
+        # Critical damping is 2 sqrt(k J_r).
+        stiffness = stiffness_of(values)
+        damping = 2.0 * values["damping_ratio"] * jnp.sqrt(stiffness * _reduced_inertia(values))
         found = {p.path: values[p.name] for p in parameters}
         if HARDENING.name in values:  # else no compliance may be told, and the nominal shaft keeps its own
             found["plant.hardening"] = _hardening_of(values)
@@ -324,7 +343,7 @@ EFFECTS: tuple[Effect, ...] = (
         starts=_backlash_starts,
         report=lambda v, s: {"gap": (v["gap"], "rad")},
         structure="transmission",
-        fixed=(LOAD_SIDE,),
+        fixed=(LOAD_SIDE, SHAFT_INERTIA),
     ),
     _effect(
         "compliance",
@@ -333,7 +352,7 @@ EFFECTS: tuple[Effect, ...] = (
         starts=_compliance_starts,
         report=_compliance,
         structure="transmission",
-        fixed=(LOAD_SIDE,),
+        fixed=(LOAD_SIDE, SHAFT_INERTIA),
     ),
     _effect(
         "unbalance",

@@ -7,12 +7,16 @@ import numpy as np
 
 from ...logs.arrays import Values
 from ..data.record import Record
+from ..data.setting import Setting
+from ..effects.vocabulary import stiffness_of
 from ..simulate.hidden_states import HiddenStates
 from .candidate import Candidate, held
 from .least_squares import Fitter
 
 FACES = (1.0, -1.0)  # of a backlash: places of the load in its gap, in halves of it from its middle [1]
 BETWEEN = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75)
+SHAFT = {"frequency", "load_share", "friction_share", "viscous_share"}  # what a twist is found with
+TURNING = 0.01  # of the top speed: width of the reversal of friction [1]
 
 
 def estimate_hidden_states(
@@ -22,10 +26,10 @@ def estimate_hidden_states(
     """Estimate the hidden states at the windows' starts, and keep in each window the estimate that fits best.
 
     Tried are the present one, the estimate from the past, the end of the window before, either face of a backlash, and
-    where no window is before, places between them (most logs begin at rest, the load anywhere in its gap); each
-    beside the rate and the angle as they are fitted, and where asked for as the readings have them. (A window that
-    fits its speed to the wrong phase of a shaft's vibration does not find out by itself; its misfit then raised the
-    level, and with it every other window's.)
+    where no window is before, places between them (many logs begin at rest, the load anywhere in its gap) and the twist
+    of a shaft that carries its load (others begin in motion); each beside the rate and the angle as they are fitted,
+    and where asked for as the readings have them. (A window that fits its speed to the wrong phase of a shaft's
+    vibration does not find out by itself; its misfit then raised the level, and with it every other window's.)
 
     Args:
         fitter: of the candidates' family.
@@ -97,13 +101,26 @@ def _options(
         [centers[:, i * count : (i + 1) * count] for i in range(len(candidates))],
         _continued(fitter, candidates, which, chosen, follows),
     ]
-    found = [(chosen, options)]
-    if any(p.name == "gap" for c in candidates for e in c.effects for p in e.parameters):
+    clearance = any(p.name == "gap" for c in candidates for e in c.effects for p in e.parameters)
+    if clearance:
         options += [_resting(candidates, place, count) for place in FACES]
-        first = chosen[~follows]
-        if len(first):
-            found.append((first, [_resting(candidates, place, len(first)) for place in BETWEEN]))
-    return found
+    first, alone = chosen[~follows], []
+    if len(first) and all(c.values().keys() >= SHAFT for c in candidates):
+        alone.append([_wound_up(c.values(), fitter.setting, record, first) for c in candidates])
+    if len(first) and clearance:
+        alone += [_resting(candidates, place, len(first)) for place in BETWEEN]
+    return [(chosen, options), *([(first, alone)] if alone else [])]
+
+
+def _wound_up(values: dict[str, float], setting: Setting, record: Record, windows: Values) -> Values:
+    """Hidden states (2, windows) of windows that begin in motion: the shaft carries what the load's motion asks for."""
+    rows = record.starts[windows]
+    speed = record.speed[rows]
+    rubbing = values["friction_share"] * values["coulomb"] * np.tanh(speed / (TURNING * setting.speed))
+    rubbing = rubbing + values["viscous_share"] * values["viscous"] * speed
+    torque = values["load_share"] * values["inertia"] * record.acceleration[rows] + rubbing
+    twist = torque / float(stiffness_of(values)) + 0.5 * values.get("gap", 0.0) * np.sign(torque)
+    return np.stack([twist, np.zeros(len(rows))])
 
 
 def _resting(candidates: Sequence[Candidate], place: float, count: int) -> list[Values]:

@@ -139,6 +139,7 @@ class Objective:
         family = log.hidden_states.family
         base = family.neutral(log.setting)
         base[family.index("load_side")] = self.side
+        base[family.index("shaft_inertia")] = 0.0  # resonances are meant with the inertia of each column
         places = [family.index(name) for name in NAMES]
         for first in range(0, rows.shape[1], LANES):
             some = rows[:, first : first + LANES]

@@ -17,7 +17,7 @@ import numpy as np
 from ...blocks.plants.transmission import Transmission
 from ...logs.arrays import Values
 from ..data.setting import Setting
-from ..effects.vocabulary import stiffness_of
+from ..effects.vocabulary import resonance_of, stiffness_of
 from ..simulate.family import Runner, window_fields
 from .bounded import bounded_steps
 from .candidate import Candidate
@@ -394,6 +394,6 @@ def _shaft(c: Candidate) -> tuple[float, float]:
     """(stiffness [N m/rad], resonance [Hz]) of a candidate's shaft: its own, or that of two nominal masses."""
     values, plant = c.values(), c.family.machine.plant
     if "frequency" in values:
-        return float(stiffness_of(values)), values["frequency"]
+        return float(stiffness_of(values)), float(resonance_of(values))
     assert isinstance(plant, Transmission)
     return float(plant.stiffness), float(plant.resonance())

@@ -144,11 +144,11 @@ def decide(
     def with_law(one: Weighed) -> Weighed:
         """`_plausible` of a model, written down where it is another one."""
         nonlocal rivals
-        instead, found = _plausible(search, exact, one, singles)
+        instead, found = _plausible(search, exact, _with_right_numbers(search, exact, one, tried), singles)
         if instead is not one:
             path.append(one.fit)
             tried.extend(found)
-            rivals = found
+            rivals = found or rivals
         return instead
 
     chosen = with_law(_pruned(search, exact, chosen))
@@ -310,16 +310,49 @@ def _plausible(
         likeliest = [start for start in starts if found and start.effects == found[0].fit.candidate.effects]
         anew = [again for start in likeliest for again in _stribeck_anew(search, start)]
         found = weigh(search, exact, [*(w.fit for w in found), *search.fitted(anew)]) if anew else found
-    options = []
+    options, others = [], _far_off(search, exact, chosen.fit)
     for w in found:
         instead = settled(search, exact, w)
-        # Beside the effect the number is right.
-        if instead.left < chosen.left and not off & instead.fit.candidate.wide and resolved(search, instead.fit):
+        # Beside the effect the number is right, and no other is off in its place: friction that grows with the load
+        # does what a Coulomb level does if inertia and viscous friction shrink with it.
+        right = not off & instead.fit.candidate.wide and _far_off(search, exact, instead.fit) <= others
+        if instead.left < chosen.left and right and resolved(search, instead.fit):
             options.append(instead)
     if max((one.evidence for one in options), default=-np.inf) - chosen.evidence <= THRESHOLDS.decisive:
         return chosen, []
     best = plainest([one.fit for one in options])
     return next(one for one in options if one.fit is best), found
+
+
+def _with_right_numbers(search: Search, exact: Exact, chosen: Weighed, tried: Sequence[Weighed]) -> Weighed:
+    """Of the models that were tried the likeliest one with no more causes in whose place no two numbers are far off.
+
+    Two friction numbers that are further off than a guess and both come back beside other causes do not do so by
+    chance; a Stribeck friction that falls all along the speeds has them off where a drag is missing, and bends better
+    after a law of another form. What takes its place may lose as little evidence and torque as one factor may.
+    """
+    off, others = _wild(search, exact, chosen.fit), _far_off(search, exact, chosen.fit)
+    if len(off) < 2:
+        return chosen
+    enough = THRESHOLDS.matters * whole_gap(search, exact, chosen.fit) ** 2
+    options = []
+    for w in tried:
+        few = 0 < len(w.structural) <= len(chosen.structural)
+        held = {name for effect in w.fit.candidate.effects for name in numbers_of(effect)}
+        if (
+            not few
+            or off & held
+            or lost_of(exact.fit, chosen.fit, w.fit) > THRESHOLDS.factor
+            or not resolved(search, w.fit)
+        ):
+            continue
+        if exact.left(w.fit) ** 2 - exact.left(chosen.fit) ** 2 > enough:
+            continue
+        instead = settled(search, exact, w)
+        right = not off & instead.fit.candidate.wide and _far_off(search, exact, instead.fit) <= others
+        if right and resolved(search, instead.fit):
+            options.append(instead)
+    return max(options, key=lambda one: one.evidence, default=chosen)
 
 
 def _stribeck_anew(search: Search, start: Start) -> list[Start]:
@@ -360,9 +393,14 @@ def _with_stribeck(
 
 def _wild(search: Search, exact: Exact, fit: Fit) -> set[str]:
     """Friction numbers of a fit that are further off than a guess; not those that the nominal model has none of."""
+    absent = {name.removesuffix("_error") for name in absent_friction(exact.fit)}
+    return _far_off(search, exact, fit) - {"inertia"} - absent
+
+
+def _far_off(search: Search, exact: Exact, fit: Fit) -> set[str]:
+    """Nominal numbers of a fit that are further off than a guess."""
     c, given, sizes = fit.candidate, exact.fit.candidate.values(), nominal_sizes(search.setting)
-    off = {n for n in c.wide - {"inertia"} if abs(c.values()[n] - given[n]) > THRESHOLDS.wild * sizes[n]}
-    return off - {name.removesuffix("_error") for name in absent_friction(exact.fit)}
+    return {n for n in c.wide if abs(c.values()[n] - given[n]) > THRESHOLDS.wild * sizes[n]}
 
 
 def _numbers_instead(search: Search, exact: Exact, chosen: Weighed, shares: Shares) -> Weighed:
