@@ -56,7 +56,9 @@ def test_where_an_octave_is_noise_a_burst_of_it_is_none_of_the_machine_either(lo
     assert np.any(noisy)
     told = search.measure.filter(np.ones(2))
     share = search.modes.wiener(search.measure.level, np.ones(2))
-    np.testing.assert_allclose(told[:, noisy], THRESHOLDS.faint * share[:, noisy])
+    # A share of `faint` where the readings hold twice as much noise as torque, half of it where they hold as much.
+    assert np.all(told[:, noisy] < 0.5 * share[:, noisy])
+    assert np.all(told[:, noisy] >= THRESHOLDS.faint * share[:, noisy])
     assert np.all(told[:, ~noisy & ~search.modes.sensor] > 0.0)
     # 2 mrad at 75 Hz for a fifth of a second are 22 N m.
     assert missing(search) < 0.1 * 22.0 * np.sqrt(0.2 / 6.0)
@@ -72,7 +74,12 @@ def test_a_torque_that_the_motion_shows_is_none_of_the_sensor(log):
     assert missing(search) > 1.5
 
 
-@pytest.mark.parametrize(("sensor", "step"), [("velocity", 0.05), ("velocity", 0.1), ("position", 0.04)])
+def test_the_steps_of_an_encoder_are_no_torque_of_a_right_model(log):
+    search = gap_search.search_of(replace(log, position=np.round(log.position / 0.04) * 0.04))
+    assert missing(search) < 1e-3
+
+
+@pytest.mark.parametrize(("sensor", "step"), [("velocity", 0.05), ("velocity", 0.1)])
 def test_what_rounding_makes_of_the_missing_torque_is_what_a_right_model_leaves(sensor, step):
     """Rounded readings jump where a motion is slow, and noise that is white does not show how much torque that is."""
     pushed = numpy_machine.record(
@@ -87,7 +94,7 @@ def test_what_rounding_makes_of_the_missing_torque_is_what_a_right_model_leaves(
         left = fit.missing_rms(windows)
         assert left > noise_floor(search, windows)
         assert least * left <= beyond <= most * left
-        assert (of_velocity > beyond) == (sensor == "velocity")
+        assert of_velocity > beyond
     unrounded = gap_search.search_of(log)
     assert rounding_of(unrounded, unrounded.finish([unrounded.exact], 0)[0]) == (0.0, 0.0)
 

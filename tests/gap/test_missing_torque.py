@@ -154,3 +154,14 @@ def test_the_travel_of_several_logs_is_that_of_the_one_that_goes_furthest():
     search = make_search([short, wide], [], load_model(gap_search.MODEL))
     assert search.setting.travel == pytest.approx(np.ptp(wide.position), rel=0.01)
     assert search.setting.travel > 5.0 * np.ptp(short.position)
+
+
+@pytest.mark.parametrize("viscous", [0.03, 2.0])
+def test_a_torque_that_is_missing_to_a_machine_with_much_viscous_friction_is_told_as_large_as_it_is(viscous):
+    """A motor under a voltage comes to its speed in a fortieth of a second, and a window shows hardly more of it."""
+    machine = numpy_machine.Machine(viscous=viscous, kp=3.0 + viscous, ki=30.0 + 10.0 * viscous)
+    log = numpy_machine.record(machine, seconds=6.0, sensors=("velocity",))
+    text = gap_search.MODEL.replace("coulomb = 0.4", "coulomb = 0.1").replace("viscous = 0.03", f"viscous = {viscous}")
+    search = make_search([log], [], load_model(text))
+    missing = float(np.sqrt(np.mean(np.concatenate(search.finish([search.exact])[0].missing))))
+    assert missing == pytest.approx(0.3, rel=0.15)

@@ -162,3 +162,27 @@ def test_the_cost_is_that_of_every_coefficient_with_its_tiles_burst_integrated_o
         precision[:, own] = np.sum(share[:, None] / variance[:, own], axis=2)
     np.testing.assert_allclose(modes.cost(level, noise, c, white=white), cost, rtol=1e-10)
     np.testing.assert_allclose(modes.precision(level, noise, c, white=white), precision, rtol=1e-9)
+
+
+@pytest.mark.parametrize("guide", [(0.0, 0.0), (90.0, 13.0)])
+@pytest.mark.parametrize("damping", [0.0, 30.0])
+def test_a_torque_reaches_the_readings_as_a_simulation_of_the_damped_and_guided_mass_says(damping, guide):
+    """The residual of a guided mass is without what the guide added; its friction brakes what the guide left of it."""
+    modes = make_modes(SAMPLES, DT, INERTIA, RATE_NOISE, ANGLE_NOISE, damping=damping, guide=guide)
+    torque = np.sin(0.07 * np.arange(SAMPLES)) + 0.4
+    fine, rows = 50, []
+    speed = angle = added = travelled = 0.0
+    for held in torque:
+        rows.append((speed - added, angle - travelled))
+        for _ in range(fine):
+            held_back = -guide[0] * angle - guide[1] * speed
+            change = (held / INERTIA - damping * speed + held_back, held_back)
+            angle, travelled = angle + DT / fine * speed, travelled + DT / fine * added
+            speed, added = speed + DT / fine * change[0], added + DT / fine * change[1]
+    rate, position = np.array(rows).T
+    found = modes.coefficients(np.stack([rate / RATE_NOISE, position / ANGLE_NOISE])[:, :, None])[:, 0]
+    plain = modes.plain(found[None])[0]
+    inferred = modes.torque @ np.where(modes.sensor, 0.0, plain / np.sqrt(modes.gain))
+    # The last torque reaches no reading.
+    np.testing.assert_allclose(inferred[:-20], torque[:-20], atol=0.03)
+    assert np.max(np.abs(plain[modes.sensor])) < 0.01 * np.max(np.abs(plain))

@@ -143,6 +143,8 @@ def _misread(search: Search, c: Candidate, part: Linear) -> Values:
                 resting(record),
             )  # fmt: skip
             found.append(np.asarray(torque)[: rows.size].reshape(rows.shape))
+    # The modes have the nominal model's damping already, of a mass of this inertia.
+    found[0] = found[0] - c.values()["inertia"] * search.setting.damping * (simulated - measured)
     modes = fitter.modes
     return (found[0] - found[1]) @ (modes.torque * np.sqrt(modes.gain)) @ modes.turn
 

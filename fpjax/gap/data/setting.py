@@ -79,6 +79,11 @@ class Setting:
         return tuple(start["cogging_periods"] for start in self.waves.get("torque", ()))
 
     @property
+    def damping(self) -> float:
+        """Viscous friction of the nominal model over its inertia [1/s]."""
+        return self.viscous / self.inertia
+
+    @property
     def given_friction(self) -> float:
         """`friction` of the nominal model as given [N m]."""
         return max(self.coulomb, SMALL_FRICTION * self.torque)

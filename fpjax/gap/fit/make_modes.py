@@ -15,7 +15,10 @@ FINEST, COARSEST = 0.03, 1e7  # range of q that is tried, over the q that equals
 
 
 @functools.lru_cache(maxsize=16)
-def make_modes(samples: int, dt: float, inertia: float, rate_noise: float, angle_noise: float, most: int = 0) -> Modes:
+def make_modes(
+    samples: int, dt: float, inertia: float, rate_noise: float, angle_noise: float, most: int = 0,
+    damping: float = 0.0, guide: tuple[float, float] = (0.0, 0.0),
+) -> Modes:  # fmt: skip
     """The modes of a window.
 
     Args:
@@ -25,8 +28,10 @@ def make_modes(samples: int, dt: float, inertia: float, rate_noise: float, angle
         rate_noise: standard deviation of a rate reading [rad/s]; 0 for no rate sensor.
         angle_noise: of a position reading [rad]; 0 for none.
         most: modes with torque that are kept; 0 for all.
+        damping: nominal viscous friction over inertia [1/s].
+        guide: stiffness [1/s^2] and damping [1/s] by which the simulation is held near the motion.
     """
-    basis, size, course = _singular(samples, dt, inertia, rate_noise, angle_noise)
+    basis, size, course = _singular(samples, dt, inertia, rate_noise, angle_noise, damping, guide)
     both = rate_noise > 0.0 and angle_noise > 0.0
     count = basis.shape[1]
     gain, torque = np.ones(count), np.zeros((samples, count))
@@ -66,19 +71,43 @@ def make_modes(samples: int, dt: float, inertia: float, rate_noise: float, angle
 
 @functools.lru_cache(maxsize=4)
 def _singular(
-    samples: int, dt: float, inertia: float, rate_noise: float, angle_noise: float
-) -> tuple[Values, Values, Values]:
+    samples: int, dt: float, inertia: float, rate_noise: float, angle_noise: float, damping: float,
+    guide: tuple[float, float],
+) -> tuple[Values, Values, Values]:  # fmt: skip
     """Singular value decomposition of the readings of a torque in each period; arguments as of `make_modes`."""
     index = np.arange(samples)
     lag = index[:, None] - index[None, :]  # samples from the period j in which a torque acts to the reading k
     held = lag > 0
     parts = []
+    speed, travel = _pushed(samples, dt, damping, guide)
     if rate_noise > 0.0:
-        # A torque of 1 N m in period j adds dt / J to every later speed, and travel at it from the period's middle on.
-        parts.append(np.where(held, dt / inertia, 0.0) / rate_noise)
+        parts.append(np.where(held, speed[np.maximum(lag, 0)] / inertia, 0.0) / rate_noise)
     if angle_noise > 0.0:
-        parts.append(np.where(held, (lag - 0.5) * dt**2 / inertia, 0.0) / angle_noise)
+        parts.append(np.where(held, travel[np.maximum(lag, 0)] / inertia, 0.0) / angle_noise)
     return np.linalg.svd(np.concatenate(parts), full_matrices=len(parts) == 2)
+
+
+def _pushed(samples: int, dt: float, damping: float, guide: tuple[float, float]) -> tuple[Values, Values]:
+    """(speed [s], travel [s^2]) of a residual at each sample after one period of unit torque over inertia began.
+
+    A guide accelerates the simulated machine, and what it adds is taken off the residual again; friction then acts on
+    the speed that the guide left. States: departure of the angle and of the speed, residual of the angle and of the
+    speed.
+    """
+    stiffness, firm = guide
+    flow = np.zeros((5, 5))
+    flow[0, 1] = flow[2, 3] = flow[1, 4] = flow[3, 4] = 1.0
+    flow[1, 0], flow[1, 1], flow[3, 1] = -stiffness, -firm - damping, -damping
+    step, term = np.eye(5), np.eye(5)
+    for order in range(1, 40):
+        term = term @ (flow * dt) / order
+        step += term
+    state, found = np.array([0.0, 0.0, 0.0, 0.0, 1.0]), []
+    for _ in range(samples):
+        found.append(state)
+        state = step @ state
+        state[4] = 0.0
+    return np.array(found)[:, 3], np.array(found)[:, 2]
 
 
 def _turned(place: Values, alive: Values, gain: Values, torque: Values) -> tuple[Values, Values, Values]:

@@ -1,12 +1,13 @@
 """Modes: how an unmodelled (missing) torque reaches the sensors, and the likelihood with it integrated out.
 
 The residual of a window, in standard deviations of the sensors, is r = n + B d: n is white noise, d the missing torque,
-held over each period [N m], B its effect on the readings through the rigid *nominal* mass. B is the same for every
-candidate, so that none can make its own missing torque small by its inertia. With the singular value decomposition
-B = U diag(sqrt(lambda)) V' the coefficients c = U' r are independent, of variance s^2 + q^2 lambda, where s is the
-noise and q the standard deviation of the missing torque: so it is integrated out exactly. For the rigid mass this is
-the likelihood of a Kalman filter's innovations (Kennedy and O'Hagan, "Bayesian calibration of computer models", 2001,
-have the same idea for static models).
+held over each period [N m], B its effect on the readings through the rigid *nominal* mass with its viscous friction
+(without which a motor under a voltage, whose speed follows it within a fraction of a window, would seem to miss next to
+nothing). B is the same for every candidate, so that none can make its own missing torque small by its inertia. With the
+singular value decomposition B = U diag(sqrt(lambda)) V' the coefficients c = U' r are independent, of variance
+s^2 + q^2 lambda, where s is the noise and q the standard deviation of the missing torque: so it is integrated out
+exactly. For the rigid mass this is the likelihood of a Kalman filter's innovations (Kennedy and O'Hagan, "Bayesian
+calibration of computer models", 2001, have the same idea for static models).
 
 q is estimated for every model: with q = 0 the fit minimises the output error, with large q the torque residual. It may
 depend on frequency, in octaves: a real machine's missing torque is not white, and with one q its slow part would count

@@ -8,7 +8,7 @@ import numpy as np
 from ...logs.arrays import Values
 from ...simulation.precision import double_precision
 from ..data.record import Record, with_noise
-from ..data.replay_tables import tables_of
+from ..data.replay_tables import guide_of, tables_of
 from ..data.setting import Setting
 from ..data.split import fairer_split
 from ..data.tables import Tables
@@ -97,7 +97,8 @@ class Search:
         rate = 0.0 if first.velocity is None else first.velocity.noise
         angle = 0.0 if first.position is None else first.position.noise
         self._window = (first.samples, first.dt, self.setting.inertia, rate, angle)
-        self._begin(make_modes(*self._window, most))
+        self._held = self.setting.damping, guide_of(first, self.guide)
+        self._begin(make_modes(*self._window, most, *self._held))
 
     def _begin(self, modes: Modes) -> None:
         self.modes = modes
@@ -154,7 +155,7 @@ class Search:
         if modes >= np.sum(~self.modes.sensor):
             return self.fitters[key]
         if (key, modes) not in self._coarse:
-            few = make_modes(*self._window, modes)
+            few = make_modes(*self._window, modes, *self._held)
             known = self.modes.unanswered
             own = np.append(known[: few.bands - 1], known[-1]) if np.any(few.sensor) else known[: few.bands]
             self._coarse[key, modes] = Fitter(self.fitters[key].runner, self.setting, replace(few, unanswered=own))
