@@ -11,6 +11,7 @@ from .modes import PER_OCTAVE, Modes
 
 PLAIN = 8  # modes of the lowest octaves, which are not rotated: each is as long as the window
 FIRST_BAND = 4  # modes of the lowest octave: a window's start values take up two of them
+FOLLOWS = 2.0  # damping times control period [1], above which a speed follows its torque at once
 FINEST, COARSEST = 0.03, 1e7  # range of q that is tried, over the q that equals the noise in the strongest mode
 
 
@@ -95,13 +96,17 @@ def _pushed(samples: int, dt: float, damping: float, guide: tuple[float, float])
     speed.
     """
     stiffness, firm = guide
+    damping = min(damping, FOLLOWS / dt)
     flow = np.zeros((5, 5))
     flow[0, 1] = flow[2, 3] = flow[1, 4] = flow[3, 4] = 1.0
     flow[1, 0], flow[1, 1], flow[3, 1] = -stiffness, -firm - damping, -damping
-    step, term = np.eye(5), np.eye(5)
-    for order in range(1, 40):
-        term = term @ (flow * dt) / order
+    # The exponential of a small part of a period, which twenty terms of its series hold, squared again.
+    halvings = max(int(np.ceil(np.log2(np.linalg.norm(flow) * dt))), 0)
+    part, step, term = flow * dt / 2**halvings, np.eye(5), np.eye(5)
+    for order in range(1, 20):
+        term = term @ part / order
         step += term
+    step = np.linalg.matrix_power(step, 2**halvings)
     state, found = np.array([0.0, 0.0, 0.0, 0.0, 1.0]), []
     for _ in range(samples):
         found.append(state)
