@@ -31,7 +31,7 @@ def spring(position):
 CASES = {
     "velocity": {"law": lambda v, x, u, t: bend(v)},
     "position": {"law": lambda v, x, u, t: wave(x), "drift": 2.0},
-    "spring": {"law": lambda v, x, u, t: spring(x), "drift": 2.0},
+    "spring": {"law": lambda v, x, u, t: spring(x), "drift": 2.0, "encoder": True},
     "torque": {"law": lambda v, x, u, t: 0.15 * u},
     "nothing": {"law": lambda v, x, u, t: 0.0},
     "push": {"law": lambda v, x, u, t: 0.0, "push": (4.2, 4.6, 0.6)},
@@ -178,8 +178,11 @@ def test_a_jump_leaves_no_less_than_no_friction():
 
 
 def test_tables_of_a_revolution_and_of_a_short_travel():
-    long, short = drive(lambda v, x, u, t: 0.0, seconds=4.0, drift=4.0), drive(lambda v, x, u, t: 0.0, seconds=4.0)
-    records = [searched_records(log) for log in (long, short)]
+    long, blind, short = (
+        drive(lambda v, x, u, t: 0.0, seconds=4.0, drift=drift, encoder=encoder)
+        for drift, encoder in ((4.0, True), (4.0, False), (0.0, False))
+    )
+    records = [searched_records(log) for log in (long, short, blind)]
     assert make_tables(records[0])["position"][0].period == pytest.approx(2.0 * np.pi)
     tables = make_tables(records[0], (30.0,))["position"]
     whole = [table for table in tables if table.period is None]
@@ -187,6 +190,8 @@ def test_tables_of_a_revolution_and_of_a_short_travel():
     assert len(whole) == 1
     assert whole[0].at[-1] - whole[0].at[0] == pytest.approx(np.ptp(records[0][0].angle), rel=0.01)
     assert [table.period for table in make_tables(records[1])["position"]] == [None]
+    # Of an integrated rate nobody knows where the travel began.
+    assert None not in [table.period for table in make_tables(records[2])["position"]]
 
 
 def searched_records(log):

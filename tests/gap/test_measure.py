@@ -77,6 +77,11 @@ def test_a_torque_that_the_motion_shows_is_none_of_the_sensor(log):
 def test_the_steps_of_an_encoder_are_no_torque_of_a_right_model(log):
     search = gap_search.search_of(replace(log, position=np.round(log.position / 0.04) * 0.04))
     assert missing(search) < 1e-3
+    pushed = numpy_machine.record(
+        seconds=6.0, dt=2e-3, sensors=("position",), extra=lambda time, speed, angle, command: 0.5 * np.sin(9.0 * time)
+    )
+    search = gap_search.search_of(replace(pushed, position=np.round(pushed.position / 0.04) * 0.04))
+    assert missing(search) == pytest.approx(0.5 / 2.0**0.5, rel=0.2)
 
 
 @pytest.mark.parametrize(("sensor", "step"), [("velocity", 0.05), ("velocity", 0.1)])

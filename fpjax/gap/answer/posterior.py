@@ -38,7 +38,7 @@ from .course import course_of
 from .intervals import covariance
 
 FILE = "posterior.npz"
-VERSION = 2  # of the file format
+VERSION = 3  # of the file format
 MOST = 3  # most other explanations
 # From the parameters of an error of the velocity reading to the fields of the sensor block.
 READ = {"time_constant": "lag", "delay": "delay", "scale": "scale", "bias": "bias"}

@@ -155,7 +155,9 @@ def _position_tables(records: Sequence[Record], angles: Sequence[Values], period
         return [whole]
     # Over several revolutions a torque may repeat with each, or follow the whole travel, as that of a spring does, or
     # of a weight behind a gear.
-    found = [_table("position", np.arange(ANGLES) * turn / ANGLES, angles, turn), whole]
+    found = [_table("position", np.arange(ANGLES) * turn / ANGLES, angles, turn)]
+    if not any(r.integrated for r in records):  # else the travel's zero is another one in every log
+        found.append(whole)
     # A torque that repeats often within a revolution needs closer points than one every 5 deg.
     for count in periods:
         if count > ANGLES / CLOSE:

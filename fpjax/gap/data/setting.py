@@ -80,8 +80,11 @@ class Setting:
 
     @property
     def damping(self) -> float:
-        """Viscous friction of the nominal model over its inertia [1/s]."""
-        return self.viscous / self.inertia
+        """Viscous friction of the nominal model over its inertia [1/s].
+
+        At most one in a control period, beyond which no step of a simulation follows it.
+        """
+        return min(self.viscous / self.inertia, 1.0 / self.dt)
 
     @property
     def given_friction(self) -> float:

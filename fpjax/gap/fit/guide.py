@@ -42,8 +42,9 @@ def guide_bandwidth(records: Sequence[Record], modes: Modes, coefficients: Coeff
     def distance(bandwidth: float) -> float:
         """Rms residual of the nominal model under a guide, over the rms motion [1]."""
         stiffness, damping = guide_of(records[0], bandwidth)
-        # A torque moves a free mass by 1 / s^2 and a guided one by 1 / (s^2 + d s + k).
-        left = squares * np.abs(s**2 / (s**2 + damping * s + stiffness)) ** 2
+        # A torque moves a free mass by 1 / (s^2 + b s) and a guided one by 1 / (s^2 + (b + d) s + k).
+        own = s**2 + setting.damping * s
+        left = squares * np.abs(own / (own + damping * s + stiffness)) ** 2
         return float(np.sqrt(np.sum(left) / modes.basis.shape[0])) / moved
 
     tried = [0.0, *np.geomspace(1.0 / setting.window, THRESHOLDS.fastest / setting.dt, TRIED)]

@@ -11,7 +11,6 @@ from .modes import PER_OCTAVE, Modes
 
 PLAIN = 8  # modes of the lowest octaves, which are not rotated: each is as long as the window
 FIRST_BAND = 4  # modes of the lowest octave: a window's start values take up two of them
-FOLLOWS = 2.0  # damping times control period [1], above which a speed follows its torque at once
 FINEST, COARSEST = 0.03, 1e7  # range of q that is tried, over the q that equals the noise in the strongest mode
 
 
@@ -91,28 +90,21 @@ def _singular(
 def _pushed(samples: int, dt: float, damping: float, guide: tuple[float, float]) -> tuple[Values, Values]:
     """(speed [s], travel [s^2]) of a residual at each sample after one period of unit torque over inertia began.
 
-    A guide accelerates the simulated machine, and what it adds is taken off the residual again; friction then acts on
-    the speed that the guide left. States: departure of the angle and of the speed, residual of the angle and of the
-    speed.
+    As `fpjax.gap.simulate.replay.advance` simulates it: the friction of a period acts at the speed of its middle, the
+    guide pushes at its end, and what the guide has added is taken off the residual.
     """
     stiffness, firm = guide
-    damping = min(damping, FOLLOWS / dt)
-    flow = np.zeros((5, 5))
-    flow[0, 1] = flow[2, 3] = flow[1, 4] = flow[3, 4] = 1.0
-    flow[1, 0], flow[1, 1], flow[3, 1] = -stiffness, -firm - damping, -damping
-    # The exponential of a small part of a period, which twenty terms of its series hold, squared again.
-    halvings = max(int(np.ceil(np.log2(np.linalg.norm(flow) * dt))), 0)
-    part, step, term = flow * dt / 2**halvings, np.eye(5), np.eye(5)
-    for order in range(1, 20):
-        term = term @ part / order
-        step += term
-    step = np.linalg.matrix_power(step, 2**halvings)
-    state, found = np.array([0.0, 0.0, 0.0, 0.0, 1.0]), []
-    for _ in range(samples):
-        found.append(state)
-        state = step @ state
-        state[4] = 0.0
-    return np.array(found)[:, 3], np.array(found)[:, 2]
+    speed = angle = added = travelled = 0.0
+    found = np.zeros((2, samples))
+    for k in range(samples):
+        found[:, k] = speed - added, angle - travelled
+        push = dt * (-stiffness * angle - firm * speed)
+        torque = 1.0 if k == 0 else 0.0
+        middle = speed + 0.5 * dt * (torque - damping * speed)
+        after = speed + dt * (torque - damping * middle)
+        angle, speed = angle + 0.5 * dt * (speed + after + push), after + push
+        travelled, added = travelled + dt * (added + 0.5 * push), added + push
+    return found[0], found[1]
 
 
 def _turned(place: Values, alive: Values, gain: Values, torque: Values) -> tuple[Values, Values, Values]:

@@ -65,7 +65,7 @@ def contact_starts(log: ImposedMotion) -> tuple[dict[str, float], ...]:
         objective = Objective(log, side, BANDS)
         if not objective.usable:
             continue
-        found += [_values(one, side) for one in _descents(objective, rows, low, high, FACES)[:STARTS]]
+        found += [_values(log, one, side) for one in _descents(objective, rows, low, high, FACES)[:STARTS]]
     return (*found, *(one | {"damping_ratio": LIVELY * one["damping_ratio"]} for one in found))
 
 
@@ -90,7 +90,7 @@ def spring_starts(log: ImposedMotion) -> tuple[dict[str, float], ...]:
         objective = Objective(log, side, BANDS)
         if not objective.usable:
             continue
-        best = [_values(one, side) for one in _descents(objective, rows, low, high, slices, of_each=True)]
+        best = [_values(log, one, side) for one in _descents(objective, rows, low, high, slices, of_each=True)]
         found += [{name: value for name, value in one.items() if name != "gap"} for one in best]
     return tuple(found)
 
@@ -173,6 +173,9 @@ def _least(log: ImposedMotion) -> dict[str, float]:
     return {"inertia": 0.0, "coulomb": 0.01 * friction, "viscous": 0.01 * friction / speed}
 
 
-def _values(row: Values, side: float) -> dict[str, float]:
+def _values(log: ImposedMotion, row: Values, side: float) -> dict[str, float]:
     """Start values by name, from the logarithms of a point, (parameters,)."""
-    return {name: float(np.exp(value)) for name, value in zip(NAMES, row, strict=True)} | {"load_side": side}
+    found = {name: float(np.exp(value)) for name, value in zip(NAMES, row, strict=True)} | {"load_side": side}
+    # The search means the resonance with the point's own inertia, a candidate with that of a shaft that is known.
+    known = log.hidden_states.family.known.get("shaft_inertia", 0.0)
+    return found | ({"frequency": found["frequency"] * (found["inertia"] / known) ** 0.5} if known else {})

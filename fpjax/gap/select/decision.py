@@ -335,22 +335,20 @@ def _with_right_numbers(search: Search, exact: Exact, chosen: Weighed, tried: Se
     if len(off) < 2:
         return chosen
     enough = THRESHOLDS.matters * whole_gap(search, exact, chosen.fit) ** 2
+
+    def slight(fit: Fit) -> bool:
+        back = exact.left(fit) ** 2 - exact.left(chosen.fit) ** 2
+        return back < enough and lost_of(exact.fit, chosen.fit, fit) < THRESHOLDS.factor
+
     options = []
     for w in tried:
         few = 0 < len(w.structural) <= len(chosen.structural)
         held = {name for effect in w.fit.candidate.effects for name in numbers_of(effect)}
-        if (
-            not few
-            or off & held
-            or lost_of(exact.fit, chosen.fit, w.fit) > THRESHOLDS.factor
-            or not resolved(search, w.fit)
-        ):
-            continue
-        if exact.left(w.fit) ** 2 - exact.left(chosen.fit) ** 2 > enough:
+        if not few or off & held or not slight(w.fit) or not resolved(search, w.fit):
             continue
         instead = settled(search, exact, w)
         right = not off & instead.fit.candidate.wide and _far_off(search, exact, instead.fit) <= others
-        if right and resolved(search, instead.fit):
+        if right and slight(instead.fit) and resolved(search, instead.fit):
             options.append(instead)
     return max(options, key=lambda one: one.evidence, default=chosen)
 
@@ -393,14 +391,14 @@ def _with_stribeck(
 
 def _wild(search: Search, exact: Exact, fit: Fit) -> set[str]:
     """Friction numbers of a fit that are further off than a guess; not those that the nominal model has none of."""
-    absent = {name.removesuffix("_error") for name in absent_friction(exact.fit)}
-    return _far_off(search, exact, fit) - {"inertia"} - absent
+    return _far_off(search, exact, fit) - {"inertia"}
 
 
 def _far_off(search: Search, exact: Exact, fit: Fit) -> set[str]:
-    """Nominal numbers of a fit that are further off than a guess."""
+    """Nominal numbers of a fit that are further off than a guess; no friction that the nominal model has none of."""
     c, given, sizes = fit.candidate, exact.fit.candidate.values(), nominal_sizes(search.setting)
-    return {n for n in c.wide if abs(c.values()[n] - given[n]) > THRESHOLDS.wild * sizes[n]}
+    off = {n for n in c.wide if abs(c.values()[n] - given[n]) > THRESHOLDS.wild * sizes[n]}
+    return off - {name.removesuffix("_error") for name in absent_friction(exact.fit)}
 
 
 def _numbers_instead(search: Search, exact: Exact, chosen: Weighed, shares: Shares) -> Weighed:
