@@ -31,7 +31,7 @@ def spring(position):
 CASES = {
     "velocity": {"law": lambda v, x, u, t: bend(v)},
     "position": {"law": lambda v, x, u, t: wave(x), "drift": 2.0},
-    "spring": {"law": lambda v, x, u, t: spring(x), "drift": 2.0, "encoder": True},
+    "spring": {"law": lambda v, x, u, t: spring(x), "drift": 1.0, "seconds": 20.0, "encoder": True},
     "torque": {"law": lambda v, x, u, t: 0.15 * u},
     "nothing": {"law": lambda v, x, u, t: 0.0},
     "push": {"law": lambda v, x, u, t: 0.0, "push": (4.2, 4.6, 0.6)},
