@@ -143,7 +143,7 @@ def test_a_drag_is_found_where_a_stribeck_curve_stands_for_the_coulomb_friction(
 def test_a_drag_beside_right_numbers_is_told_where_a_stribeck_curve_with_two_wild_ones_bends_a_little_better(
     monkeypatch,
 ):
-    """One log of a motor with a drag of the power 2.1: 29 of 8,800 nats, with a third of the Coulomb friction."""
+    """As on a simulated motor whose drag is of another form: 29 nats more, with a third of the Coulomb friction."""
     monkeypatch.setattr(decision, "nominal_sizes", lambda setting: GIVEN)
     monkeypatch.setattr(decision, "settled", lambda search, exact, weighed: weighed)
     monkeypatch.setattr(decision, "resolved", lambda search, fit: "unresolved" not in fit.candidate.structural)

@@ -2,11 +2,11 @@
 
 Some simulated machines leave the measured motion as soon as any torque is missing: one that cogging traps, a pendulum
 that falls over. The torques that depend on position and direction then act at the wrong places, and no step of a fit
-improves it. A guide accelerates all masses of the simulated machine alike towards the measured motion, as a spring
-and a damper would, and what it adds to speed and position is taken off the prediction again: for a linear machine the
-residual is what it is without a guide, so that the likelihood needs no other form. It is the gain of an extended Kalman
-filter, taken constant. (Taking the guide's torque out through the *nominal* mass was tried: it ties the residual to
-that mass, and beside a resonance the fitted inertia went to its bound.)
+improves it. A guide accelerates all masses of the simulated machine alike towards the measured motion, as a spring and
+a damper would, and what it adds to speed and position is taken off the prediction again: for a mass without friction
+the residual is what it is without a guide, and what viscous friction changes of that is in the modes. It is the gain of
+an extended Kalman filter, taken constant. (Taking the guide's torque out through the *nominal* mass was tried: it ties
+the residual to that mass, and beside a resonance the fitted inertia went to its bound.)
 """
 
 from collections.abc import Sequence

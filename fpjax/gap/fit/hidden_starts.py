@@ -11,12 +11,12 @@ from ..data.setting import Setting
 from ..effects.vocabulary import stiffness_of
 from ..simulate.hidden_states import HiddenStates
 from .candidate import Candidate, held
+from .imposed_motion import MOVING
 from .least_squares import Fitter
 
 FACES = (1.0, -1.0)  # of a backlash: places of the load in its gap, in halves of it from its middle [1]
 BETWEEN = (-0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75)
 SHAFT = {"frequency", "load_share", "friction_share", "viscous_share"}  # what a twist is found with
-TURNING = 0.01  # of the top speed: width of the reversal of friction [1]
 
 
 def estimate_hidden_states(
@@ -113,10 +113,10 @@ def _options(
 
 
 def _wound_up(values: dict[str, float], setting: Setting, record: Record, windows: Values) -> Values:
-    """Hidden states (2, windows) of windows that begin in motion: the shaft carries what the load's motion asks for."""
+    """Twist [rad] and relative speed [rad/s], (2, windows), of a shaft that carries what its load's motion asks for."""
     rows = record.starts[windows]
     speed = record.speed[rows]
-    rubbing = values["friction_share"] * values["coulomb"] * np.tanh(speed / (TURNING * setting.speed))
+    rubbing = values["friction_share"] * values["coulomb"] * np.tanh(speed / (MOVING * setting.speed))
     rubbing = rubbing + values["viscous_share"] * values["viscous"] * speed
     torque = values["load_share"] * values["inertia"] * record.acceleration[rows] + rubbing
     twist = torque / float(stiffness_of(values)) + 0.5 * values.get("gap", 0.0) * np.sign(torque)

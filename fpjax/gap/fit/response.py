@@ -1,6 +1,6 @@
 """Response: how far a family's machines answer a torque with motion, against the nominal mass.
 
-The missing torque is inferred from residuals through the nominal mass (`fpjax.gap.fit.modes`). What a model with other
+The missing torque is inferred from residuals through the nominal model (`fpjax.gap.fit.modes`). What a model with other
 numbers lacks at the command, and the likelihood of torques instead of motions, follow from the ratio of the two
 frequency responses.
 """
@@ -102,8 +102,8 @@ class Response:
     def torque_scale(self, c: Candidate) -> Values:
         """Factor of a candidate's missing torque at the command over that which `Modes` infers from its residual.
 
-        `Modes` infers it through the nominal mass, so the factor is the ratio of the nominal model's frequency response
-        to the candidate's, at least 1. Under a stiff position loop the motion is imposed and the torque follows from
+        `Modes` infers it through the nominal model, so the factor is the ratio of that model's frequency response to
+        the candidate's, at least 1. Under a stiff position loop the motion is imposed and the torque follows from
         it. A model that hardly responds to torque (a heavy mass, much damping, a limit) then has small residuals
         however wrong its torque is, and this factor corrects for it. It is at least 1, since otherwise a light mass or
         a large gain could make the missing torque of its own model small.
