@@ -101,7 +101,7 @@ class _Random:
         shares = {name: self.uniform(0.0, 1.0) for name in ("friction_share", "viscous_share")}
         side = 1.0 if self.uniform(-1.0, 1.0) > 0.0 else 0.0
         own = {"frequency": frequency, "damping_ratio": ratio, "load_share": self.uniform(0.2, 0.8), "load_side": side}
-        return own | shares
+        return own | shares | {"shaft_inertia": 0.0}  # the model has no shaft whose inertia could be another
 
 
 def _nominal(random: np.random.Generator) -> str:
