@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from fpjax.gap.fit.candidate import NOMINAL
-from fpjax.gap.select import decision
-from fpjax.gap.select.decision import _further, _mends_numbers, _numbers_instead, _only_blurs, _with_stribeck
+from fpjax.gap.select import decision, wild_numbers
+from fpjax.gap.select.decision import _further, _numbers_instead, _only_blurs, _with_stribeck
 from fpjax.gap.select.detectability import blurs
 from fpjax.gap.select.shares import Shares
 from fpjax.gap.select.starts import nominal_for
 from fpjax.gap.select.weighed import Weighed
+from fpjax.gap.select.wild_numbers import mends_numbers
 from fpjax.gap.thresholds import THRESHOLDS
 
 DETAIL, SLIGHT = 0.9 * THRESHOLDS.matters, 0.9 * THRESHOLDS.weighs
@@ -133,7 +134,7 @@ def test_where_the_best_detail_only_blurs_the_next_one_is_taken(monkeypatch):
     for what, stand_in in {
         "settled": lambda search, exact, weighed: weighed, "_whole_left": lambda search, exact, fit, nominal: 2.0,
         "_better": lambda search, exact, chosen, best: best.gain > 105.0,
-        "_mends_numbers": lambda search, exact, chosen, best: False,
+        "mends_numbers": lambda search, exact, chosen, best: False,
     }.items():  # fmt: skip
         monkeypatch.setattr(decision, what, stand_in)
     assert _further(None, exact, chosen, [blurring, good], chosen) is good
@@ -159,9 +160,9 @@ def test_a_detail_beside_which_friction_is_what_was_given_is_taken(monkeypatch, 
         SimpleNamespace(candidate=SimpleNamespace(values=values.copy, wide=frozenset(values)))
         for values in ({"coulomb": 1.0, "viscous": 1.0}, first, then)
     )
-    monkeypatch.setattr(decision, "nominal_sizes", lambda setting: {"coulomb": 1.0, "viscous": 1.0})
+    monkeypatch.setattr(wild_numbers, "nominal_sizes", lambda setting: {"coulomb": 1.0, "viscous": 1.0})
     search, exact = SimpleNamespace(setting=None), SimpleNamespace(fit=given)
-    assert _mends_numbers(search, exact, chosen, best) == mended
+    assert mends_numbers(search, exact, chosen, best) == mended
 
 
 def test_no_number_is_free_beside_a_factor_on_the_torque():

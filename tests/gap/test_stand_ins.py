@@ -10,11 +10,11 @@ from fpjax.gap.answer import judge
 from fpjax.gap.answer.judge import Judged
 from fpjax.gap.effects.parameters import RIPPLE
 from fpjax.gap.fit.candidate import Fit, Start
-from fpjax.gap.select import decision
-from fpjax.gap.select.decision import STRIBECK, _plausible, _stribeck_anew, _with_right_numbers
+from fpjax.gap.select import wild_numbers
 from fpjax.gap.select.detectability import _drives
 from fpjax.gap.select.statement import Verdict
 from fpjax.gap.select.weighed import Weighed
+from fpjax.gap.select.wild_numbers import STRIBECK, _stribeck_anew, plausible, with_right_numbers
 from fpjax.gap.thresholds import THRESHOLDS
 
 GIVEN = {"inertia": 2.0, "coulomb": 0.5, "viscous": 0.1}
@@ -37,16 +37,16 @@ def replaced(monkeypatch, chosen, found, given=None, anew=()):
 
     Beside them are the models `anew`, where a Stribeck friction and the numbers begin anew.
     """
-    monkeypatch.setattr(decision, "nominal_sizes", lambda setting: GIVEN)
-    monkeypatch.setattr(decision, "settled", lambda search, exact, weighed: weighed)
+    monkeypatch.setattr(wild_numbers, "nominal_sizes", lambda setting: GIVEN)
+    monkeypatch.setattr(wild_numbers, "settled", lambda search, exact, weighed: weighed)
     starts = [SimpleNamespace(effects=w.fit.candidate.effects) for w in found] or [SimpleNamespace(effects=())]
-    monkeypatch.setattr(decision, "weigh", lambda search, exact, models: [getattr(m, "model", m) for m in models])
-    monkeypatch.setattr(decision, "beside", lambda search, bases, likely: tried.append((bases, likely)) or starts)
+    monkeypatch.setattr(wild_numbers, "weigh", lambda search, exact, models: [getattr(m, "model", m) for m in models])
+    monkeypatch.setattr(wild_numbers, "beside", lambda search, bases, likely: tried.append((bases, likely)) or starts)
     monkeypatch.setattr(
-        decision, "_stribeck_anew",
+        wild_numbers, "_stribeck_anew",
         lambda search, start: [start] if any(effect.name == STRIBECK for effect in start.effects) else [],
     )  # fmt: skip
-    monkeypatch.setattr(decision, "resolved", lambda search, fit: "unresolved" not in fit.candidate.structural)
+    monkeypatch.setattr(wild_numbers, "resolved", lambda search, fit: "unresolved" not in fit.candidate.structural)
     tried = []
     laws = [law(name) for name in ("quadratic_drag", "stribeck", "unresolved")] + [law("compliance", ())]
     by_direction = law("asymmetric_friction", held=("coulomb", "viscous"))
@@ -55,7 +55,7 @@ def replaced(monkeypatch, chosen, found, given=None, anew=()):
         fitted=lambda starts: list(anew),
     )  # fmt: skip
     exact = SimpleNamespace(fit=model((), 0.0, 1.0, given=given).fit)
-    got, beside = _plausible(search, exact, chosen, found)
+    got, beside = plausible(search, exact, chosen, found)
     assert bool(beside) == (got is not chosen)
     for _, likely in tried:
         # No structure of the machine, and none that holds the number itself.
@@ -144,16 +144,16 @@ def test_a_drag_beside_right_numbers_is_told_where_a_stribeck_curve_with_two_wil
     monkeypatch,
 ):
     """As on a simulated motor whose drag is of another form: 29 nats more, with a third of the Coulomb friction."""
-    monkeypatch.setattr(decision, "nominal_sizes", lambda setting: GIVEN)
-    monkeypatch.setattr(decision, "settled", lambda search, exact, weighed: weighed)
-    monkeypatch.setattr(decision, "resolved", lambda search, fit: "unresolved" not in fit.candidate.structural)
-    monkeypatch.setattr(decision, "whole_gap", lambda search, exact, fit: 1.0)
+    monkeypatch.setattr(wild_numbers, "nominal_sizes", lambda setting: GIVEN)
+    monkeypatch.setattr(wild_numbers, "settled", lambda search, exact, weighed: weighed)
+    monkeypatch.setattr(wild_numbers, "resolved", lambda search, fit: "unresolved" not in fit.candidate.structural)
+    monkeypatch.setattr(wild_numbers, "whole_gap", lambda search, exact, fit: 1.0)
     exact = SimpleNamespace(fit=model((), 0.0, 1.0).fit, left=lambda fit: fit.model.left)
     wild = model(("stribeck", "offset"), 8800.0, 0.05, {"coulomb": 0.15, "viscous": 0.25})
     drag = model(("quadratic_drag", "offset"), 8770.0, 0.06, {"inertia": 2.1})
 
     def told(*found, chosen=wild):
-        return _with_right_numbers(SimpleNamespace(setting=None), exact, chosen, [chosen, *found])
+        return with_right_numbers(SimpleNamespace(setting=None), exact, chosen, [chosen, *found])
 
     assert told(drag) is drag
     assert told(model(("quadratic_drag",), 8730.0, 0.06), drag) is drag
