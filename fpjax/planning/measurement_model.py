@@ -88,7 +88,7 @@ def make_measurement_model(
     chosen = starts[np.unique(np.linspace(0, len(starts) - 1, min(MOST_WINDOWS, len(starts))).round().astype(int))]
     rates, angles = (size if there else 0.0 for size, there in zip((rate, angle), channels, strict=True))
     # As many modes as the diagnosis uses: those of torque within its band; the first set only serves to count them.
-    damping = min(model.nominal["viscous"] / model.nominal["inertia"], 1.0 / model.dt)
+    damping = model.nominal["viscous"] / model.nominal["inertia"]
     first = make_modes(samples, model.dt, model.nominal["inertia"], rates, angles, damping=damping)
     most = max(16, int(np.sum(~first.sensor & (first.frequency < BAND * 0.5 / model.dt))))
     modes = make_modes(samples, model.dt, model.nominal["inertia"], rates, angles, most, damping=damping)

@@ -181,8 +181,11 @@ def test_a_friction_by_direction_gives_way_to_numbers_that_leave_no_gap(monkeypa
     assert (found.fit is without) == replaced
 
 
-def numbers_instead(monkeypatch, cause, other, share, lost, *, ahead=5.0, left=0.3, gap=True):
-    """(what stands for a model of two effects, the fit without the other one), which takes a share of the gap."""
+def numbers_instead(monkeypatch, cause, other, share, lost, *, ahead=5.0, left=0.3, gap=True, off=(), alike=()):
+    """(what stands for a model of two effects, the fit without the other one), which takes a share of the gap.
+
+    Beside them numbers are `off`; causes `alike` would do as well as the other effect.
+    """
     both, without = fit([cause, other], {"delay": 1.0}), fit([cause], {"delay": 1.0}, wide=("inertia",))
     both.evidence, asked = ahead, []
     search = SimpleNamespace(setting=None, fitted=lambda starts: asked.extend(starts) or [without])
@@ -192,11 +195,13 @@ def numbers_instead(monkeypatch, cause, other, share, lost, *, ahead=5.0, left=0
         "wrong_numbers": lambda fit, sizes: (7.0, ()), "settled": lambda search, exact, weighed: weighed,
         "weighed_fit": lambda search, exact, fit, evidence: Weighed(fit, evidence, 0.0, 0.0),
         "_without": lambda fit, left_out: (fit, left_out.name), "resolved": lambda search, fit: True,
-        "_is_gap": lambda search, missing: gap,
+        "_is_gap": lambda search, missing: gap, "wild": lambda search, exact, fit: set(off),
     }.items():  # fmt: skip
         monkeypatch.setattr(decision, what, stand_in)
     chosen = Weighed(both, 0.0, 0.0, 0.0)
-    shares = Shares({cause.name: 0.9, other.name: share}, {cause.name: 0.9, other.name: lost})
+    shares = Shares(
+        {cause.name: 0.9, other.name: share}, {cause.name: 0.9, other.name: lost}, {other.name: tuple(alike)}
+    )
     found = _numbers_instead(search, exact, chosen, shares)
     assert all(one == (both, other.name) for one in asked)
     return found, without
@@ -217,6 +222,23 @@ def test_a_factor_that_is_a_detail_is_wrong_numbers(monkeypatch, name, share, lo
     delay, factor = effect("actuator_delay", "delay"), effect(name, "gain")
     found, without = numbers_instead(monkeypatch, delay, factor, share, lost, ahead=ahead, left=left)
     assert (found.fit is without and found.evidence == 7.0) if replaced else found.fit is not without
+
+
+@pytest.mark.parametrize(
+    ("off", "alike", "lost", "left", "replaced"),
+    [
+        (("coulomb",), ("viscous_error", "coulomb_error"), SLIGHT, 0.3, True),
+        ((), ("viscous_error", "coulomb_error"), SLIGHT, 0.3, False),  # no number is far off beside it
+        (("coulomb",), ("viscous_error",), SLIGHT, 0.3, False),  # another one is
+        (("coulomb",), ("coulomb_error",), 1.1 * THRESHOLDS.weighs, 0.3, False),  # a cause by its evidence
+        (("coulomb",), ("coulomb_error",), SLIGHT, 0.9, False),  # the numbers do not make up for it
+    ],
+)
+def test_a_law_that_stands_for_the_numbers_it_puts_off_is_wrong_numbers(monkeypatch, off, alike, lost, left, replaced):
+    """A drag beside fifteen times the Coulomb friction and no viscous one, where the viscous number was half."""
+    delay, drag = effect("actuator_delay", "delay"), effect("quadratic_drag", "drag_coefficient")
+    found, without = numbers_instead(monkeypatch, delay, drag, 0.86, lost, left=left, off=off, alike=alike)
+    assert (found.fit is without) == replaced
 
 
 @pytest.mark.parametrize(

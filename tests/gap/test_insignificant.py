@@ -76,6 +76,14 @@ def test_large_torques_that_cancel_something_are_no_candidates():
         )
 
 
+@pytest.mark.parametrize(("slowest", "seen"), [(0.0, True), (0.2, True), (0.3, False), (2.0, False)])
+def test_a_stribeck_friction_whose_tail_alone_is_in_the_log_is_no_candidate(slowest, seen):
+    speed = slowest + np.abs(np.sin(np.linspace(0.0, 6.0, 100)))
+    search = SimpleNamespace(setting=SETTING, records=[SimpleNamespace(speed=speed)])
+    values = {"stribeck_torque": 1.0, "stribeck_velocity": 0.3, "stribeck_exponent": 2.0}
+    assert resolved(search, fitted(values, effects=("stribeck",))) == seen
+
+
 def test_a_known_load_that_is_as_far_off_as_it_may_be_hides_no_other_effect():
     search = SimpleNamespace(setting=SETTING, records=[SimpleNamespace(speed=np.full(100, 3.0))])
     values = {"cogging_cosine_1": 0.3, "cogging_periods": 9.0, "unbalance_cosine": -0.3}

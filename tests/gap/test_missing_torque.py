@@ -129,6 +129,22 @@ def test_a_torque_error_is_as_likely_in_the_command_as_at_the_mass():
     assert heavier * lighter == pytest.approx(1.0, abs=0.02)
 
 
+def test_a_command_that_stays_the_same_answers_no_missing_torque():
+    """Two steps of a torque tell the mass, and what shakes the machine between them says nothing of it.
+
+    Counted as torques that a loop answers, what is missing there spoke for a light mass: 0.04 for 0.1 kg m^2.
+    """
+    shaken = 0.03 * np.repeat(np.random.default_rng(3).standard_normal(800), 20)
+    log = numpy_machine.record(
+        numpy_machine.Machine(inertia=0.1, kp=0.0, ki=0.0, viscous=0.08), seconds=16.0,
+        feedforward=np.where(np.arange(16000) < 8000, 0.7, 0.9),
+        extra=lambda time, speed, angle, command: shaken[int(1e3 * time + 1e-3)],
+    )  # fmt: skip
+    search = gap_search.search_of(log, gap_search.MODEL.replace("0.03", "0.08"))
+    assert search.setting.inertia == 0.05
+    assert search.base.values()["inertia"] == pytest.approx(0.1, rel=0.03)
+
+
 def test_a_log_that_is_quiet_but_for_a_few_pushes_has_a_gap():
     def push(time, speed, angle, command):
         return 3.0 if 2.0 < time % 4.0 < 2.15 else 0.0

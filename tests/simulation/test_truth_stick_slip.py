@@ -127,3 +127,31 @@ def test_a_mass_on_a_belt():
     # From the slip on: w = v (1 - cos(omega t)), which touches zero only once a turn.
     truth = np.where(time < slips, 0.0, speed * (1.0 - np.cos(natural * (time - slips))))
     assert np.max(np.abs(velocity - truth)) < 2e-3 * speed + 2.0 * COULOMB * 1e-4 / INERTIA
+
+
+@pytest.mark.parametrize(("share", "within"), [(1e-3, 1e-9), (0.1, 1e-5), (0.5, 2e-3), (1.0, 1e-2), (3.0, 0.1)])
+def test_a_viscous_friction_is_as_strong_in_any_step(share, within):
+    """Of a share of the mechanical time constant [1]: a motor under a voltage, sampled as fast as it responds."""
+    step = 0.01
+    viscous = share * INERTIA / step
+    plant = fp.OneMass(INERTIA, fp.CoulombViscous(0.0, viscous))
+    state, speed, angle = fp.OneMass.init(plant), 0.0, 0.0
+    scale = 1.0 / viscous
+    for k, torque in enumerate((1.0, 1.0, 2.0, 0.5, 0.0, 3.0)):
+        state = advance_exact(plant, state, np.float64(torque), np.float64(k * step), np.float64(step))
+        steady = torque / viscous
+        angle += steady * step + (speed - steady) * (1.0 - np.exp(-share)) * step / share
+        speed = steady + (speed - steady) * np.exp(-share)
+        assert float(state.velocity) == pytest.approx(speed, abs=within * scale)
+        assert float(state.position) == pytest.approx(angle, abs=within * scale * step)
+
+
+@pytest.mark.parametrize("share", [2.5, 30.0, 1e4])
+def test_a_step_of_many_time_constants_ends_at_the_steady_speed(share):
+    step = 0.01
+    viscous = share * INERTIA / step
+    plant = fp.OneMass(INERTIA, fp.CoulombViscous(1.0, viscous))
+    state = fp.OneMass.init(plant)
+    for k in range(60):
+        state = advance_exact(plant, state, np.float64(3.0), np.float64(k * step), np.float64(step))
+    assert float(state.velocity) == pytest.approx(2.0 / viscous, rel=1e-6)

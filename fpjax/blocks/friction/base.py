@@ -2,9 +2,10 @@
 
 from abc import abstractmethod
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, PyTree
 
@@ -131,6 +132,14 @@ class AbstractStaticFriction(AbstractFriction):
     def drag(self, motion: Motion) -> Array:
         """The part [N m] that is smooth in velocity and zero at rest."""
 
+    def drag_slope(self, motion: Motion) -> Array:
+        """Derivative of `drag` by the velocity [N m s/rad]."""
+
+        def at(velocity: Array) -> Array:
+            return self.drag(Motion(velocity, motion.position, motion.time, motion.torque))
+
+        return jax.jvp(at, (motion.velocity,), (jnp.ones_like(motion.velocity),))[1]
+
     def readout(self, state: PyTree, motion: Motion, applied: Array) -> Array:
         """Friction torque [N m]: level x sign(w), or level x tanh(steepness w), plus drag."""
         del state, applied
@@ -150,8 +159,9 @@ class AbstractStaticFriction(AbstractFriction):
         The steepness is not used: with the zero crossing resolved, sign(w) needs neither smoothing nor small steps.
         Where the speed would change its sign, the step is cut at the crossing, and the rest of the step goes on with
         the torque that is left above the friction level, soft(T, k) / J. A body at rest stays at rest while |T| <= k.
-        Forward mode differentiates this almost everywhere. The smooth part of the torque is taken at the middle of the
-        step (second order).
+        Forward mode differentiates this almost everywhere. The smooth part of the torque is taken at the mean speed of
+        the step, which is that of a drag with the slope at its start: exact for a viscous friction however strong,
+        second order for another drag.
 
         Reference: the event is that of Karnopp, "Computer simulation of stick-slip friction in mechanical dynamic
         systems", 1985, resolved in time instead of by a band of speeds.
@@ -204,12 +214,15 @@ class AbstractStaticFriction(AbstractFriction):
         """(velocity, position) after dt, from `position`; the other arguments as of `turn`."""
         velocity, side = motion.velocity, jnp.sign(motion.velocity)
         mobility = 1.0 / inertia  # one division, which a loop over time does once
+        fading = shares.drag * self.drag_slope(motion) * mobility
         gained = dt * self._sliding(motion, free, shares, side) * mobility
+        final, mean = faded(dt * fading)
         # Where the body stops within the step, its mean speed until then is half of that at the start.
-        halfway = velocity + 0.5 * jnp.where((velocity + gained) * side > 0.0, gained, -velocity)
+        goes_on = (velocity + final * gained) * side > 0.0
+        halfway = velocity + jnp.where(goes_on, mean * gained, -0.5 * velocity)
         middle = Motion(halfway, motion.position, motion.time, motion.torque)
         sliding = self._sliding(middle, free, shares, side) * mobility
-        return self._slip(velocity, position, free, sliding, middle, mobility, dt, shares)
+        return self._slip(velocity, position, free, sliding, middle, mobility, fading, dt, shares)
 
     def _slip(
         self,
@@ -219,12 +232,13 @@ class AbstractStaticFriction(AbstractFriction):
         sliding: Array,
         middle: Motion,
         mobility: Array,
+        fading: Array,
         dt: Array,
         shares: Shares,
     ) -> tuple[Array, Array]:
         """(velocity, position) after dt: slides at `sliding` [rad/s^2] until it stops, then sticks or breaks away.
 
-        `mobility` is 1 / inertia [1 / (kg m^2)].
+        `mobility` is 1 / inertia [1 / (kg m^2)], `fading` the drag's slope over the inertia [1/s].
         """
         free, sliding = once((free, sliding))
         after = velocity + dt * sliding
@@ -233,11 +247,24 @@ class AbstractStaticFriction(AbstractFriction):
         # division by zero in an unselected branch still makes the gradient NaN.
         safe = jnp.where(crosses & (velocity != 0.0), sliding, 1.0)
         until = jnp.where(velocity != 0.0, -velocity / safe, 0.0)
-        turned = self._above(middle, free, shares) * mobility * (dt - until)
-        # Both parts move at a constant acceleration, so the travel is the mean speed times the time.
-        slid = position + 0.5 * dt * (velocity + after)
-        stopped = position + 0.5 * until * velocity + 0.5 * (dt - until) * turned
+        left = dt - until
+        final, mean = faded(fading * left)
+        gained = self._above(middle, free, shares) * mobility * left
+        turned = final * gained
+        stopped = position + 0.5 * until * velocity + left * (mean * gained)
+        slid = position + dt * middle.velocity
         return once((jnp.where(crosses, turned, after), jnp.where(crosses, stopped, slid)))
+
+
+def faded(x: Any) -> tuple[Any, Any]:
+    """Shares (of the final speed, of the mean speed) of what a torque adds in a step, against a drag [1].
+
+    A body that a torque alone would make faster by g is (1 - e^-x) / x g faster in the end, (e^-x - 1 + x) / x^2 g in
+    the mean, with x the drag's slope times the step over the inertia [1]. e^-x is its Pade approximation of order
+    (1, 2), 0.1 % off at x = 0.5, 1 % at 1, and never beyond 1: any step is stable. A number or an array.
+    """
+    whole = 1.0 / (6.0 + x * (4.0 + x))
+    return (6.0 + x) * whole, (3.0 + x) * whole
 
 
 def direction(velocity: Array, steepness: Array | None) -> Array:

@@ -21,6 +21,7 @@ from jaxtyping import Array
 from ...blocks.signals import Motion
 from ...logs.arrays import Values
 from ...simulation.precision import double_precision
+from ..data.tables import TAPS
 from ..effects.effect import Effect, EffectParameter
 from ..fit.candidate import Candidate
 from ..fit.least_squares import Fitter, Linear
@@ -28,7 +29,7 @@ from ..fit.modes import Modes
 from ..fit.search import Search
 from ..machine import Machine
 from ..simulate.family import window_fields
-from ..simulate.replay import assembled
+from ..simulate.replay import assembled, held_in_motion
 from .smooth_tables import Table, resting
 
 # Standard deviations of the departure of a point from its neighbours' line that are tried, over the size of friction:
@@ -113,7 +114,8 @@ def _misread(search: Search, c: Candidate, part: Linear) -> Values:
 
     Within a window the simulated motion departs from the measured one, and with it friction and load F. The modes are
     those of a mass without friction: J r' = d - (F(simulated) - F(measured)). The difference is added, and what
-    remains is the missing torque d at the measured motion.
+    remains is the missing torque d at the measured motion. F(simulated) is what the replay took: torques of the
+    position at the measured one where that is known, the friction's level as at the measured direction.
     """
     fitter, record = search.fitters[c.family.key], search.records[part.which]
     vector = np.repeat(c.vector[:, None], len(part.windows), 1)
@@ -128,7 +130,8 @@ def _misread(search: Search, c: Candidate, part: Linear) -> Values:
         simulated = np.gradient(record.position.values[rows] + record.position.noise * residual, record.dt, axis=1)
     measured, angle = record.speed[rows], record.angle[rows]
     simulated = measured + held_departure(simulated - measured, record.dt, *fitter.guide)
-    away = np.cumsum(simulated - measured, axis=1) * record.dt
+    tables = search.tables[part.which]
+    away = (1.0 - float(tables.imposed)) * np.cumsum(simulated - measured, axis=1) * record.dt
     family = fitter.family
     padded = 1024
     while padded < rows.size:
@@ -136,10 +139,13 @@ def _misread(search: Search, c: Candidate, part: Linear) -> Values:
     times = record.elapsed[rows]
     found = []
     with double_precision():
-        for speed, position in ((simulated, angle + away), (measured, angle)):
-            columns = [jnp.asarray(np.resize(each, padded)) for each in (speed, position, times, record.torque[rows])]
+        held = simulated + np.asarray(held_in_motion(jnp.asarray(simulated), tables.moving[TAPS + rows]))
+        for own, speed, position in ((simulated, held, angle + away), (measured, measured, angle)):
+            own, *columns = (
+                jnp.asarray(np.resize(each, padded)) for each in (own, speed, position, times, record.torque[rows])
+            )
             torque = _own_torque(
-                family.machine, family.effects, family.parameters, c.vector[:, None], Motion(*columns),
+                family.machine, family.effects, family.parameters, c.vector[:, None], own, Motion(*columns),
                 resting(record),
             )  # fmt: skip
             found.append(np.asarray(torque)[: rows.size].reshape(rows.shape))
@@ -172,15 +178,20 @@ def held_departure(speed: Values, dt: float, stiffness: float, damping: float) -
 @functools.partial(jax.jit, static_argnums=(1, 2))
 def _own_torque(
     nominal: Machine, effects: tuple[Effect, ...], parameters: tuple[EffectParameter, ...], vector: Array,
-    motion: Motion, rest: Array,
+    velocity: Array, motion: Motion, rest: Array,
 ) -> Array:  # fmt: skip
-    """Friction and load of a model [N m] along a motion; at rest, friction balances the torque, up to its level."""
+    """Friction and load of a model [N m] along a motion; at rest, friction balances the torque, up to its level.
+
+    The friction's drag is that of `velocity` [rad/s], all else of the motion.
+    """
     machine = assembled(nominal, effects, parameters, vector)
     load = machine.plant.load.readout(motion)
     most = machine.law.breakaway(motion)
     assert motion.torque is not None
     held = jnp.clip(motion.torque - load, -most, most)
     moving = machine.law.readout((), motion, motion.torque)  # type: ignore[arg-type]
+    drag = machine.law.drag(replace(motion, velocity=velocity)) - machine.law.drag(motion)
+    moving = moving + drag
     return load + jnp.where(jnp.abs(motion.velocity) > rest, moving, held)
 
 

@@ -9,6 +9,7 @@ from ...blocks.loads import turns_with_position
 from ...blocks.position_torque import first_harmonic
 from ...logs.arrays import Values
 from ...model_file import Model, Units
+from ..machine import general_law
 from .record import Record
 
 STRETCH = 40  # [samples] in which a machine may be seen to rest
@@ -34,6 +35,7 @@ class Setting:
         window: length of a window [s].
         effort: largest torque that can have acted [N m]: the largest command plus the nominal inertial torque.
         nominal: parameters of the nominal model by name.
+        drag_slope: of the nominal model's quadratic drag at the rms speed [N m s/rad].
         units: of the model file: what its numbers, and those of an answer, are in.
         unknown_origin: whether a known load depends on a position whose zero no sensor measures.
         turning_load: A e^(i phase) [N m] of what a known load holds of A sin(position + phase), where the position is
@@ -62,6 +64,7 @@ class Setting:
     window: float = 0.25
     effort: float = 0.0
     nominal: Mapping[str, float] = field(default_factory=dict)
+    drag_slope: float = 0.0
     units: Units = field(default_factory=Units)
     unknown_origin: bool = False
     turning_load: complex = 0.0
@@ -80,11 +83,8 @@ class Setting:
 
     @property
     def damping(self) -> float:
-        """Viscous friction of the nominal model over its inertia [1/s].
-
-        At most one in a control period, beyond which no step of a simulation follows it.
-        """
-        return min(self.viscous / self.inertia, 1.0 / self.dt)
+        """Slope of the nominal model's friction at the log's speeds over its inertia [1/s]."""
+        return (self.viscous + self.drag_slope) / self.inertia
 
     @property
     def given_friction(self) -> float:
@@ -99,7 +99,10 @@ def make_setting(records: list[Record], model: Model) -> Setting:
     torque = max(float(np.max(np.abs(record.torque))) for record in records)
     speed = max(float(np.quantile(np.abs(record.speed), 0.95)) for record in records)
     coulomb, viscous = values.get("coulomb", 0.0), values.get("viscous", 0.0)
-    load = model.loop.plant.load
+    plant = model.loop.plant
+    load = plant.load
+    squares = np.mean(np.concatenate([record.speed for record in records]) ** 2)
+    drag = float(general_law(plant.friction)[0].drag_coefficient)
     return Setting(
         inertia=values["inertia"],
         coulomb=coulomb,
@@ -114,6 +117,7 @@ def make_setting(records: list[Record], model: Model) -> Setting:
         # Quantiles, not maxima: an outlier in a column would widen every bound.
         effort=torque + values["inertia"] * max(float(np.quantile(np.abs(r.acceleration), 0.99)) for r in records),
         nominal={"inertia": values["inertia"], "coulomb": coulomb, "viscous": viscous},
+        drag_slope=2.0 * drag * float(np.sqrt(squares)),
         units=replace(model.units, motion="linear") if longest.linear else model.units,
         unknown_origin=longest.integrated and turns_with_position(load),
         turning_load=0.0 if longest.integrated else first_harmonic(load),

@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 
+from ...blocks.friction.base import faded
 from ...logs.arrays import Values
 from .bursts import TILE
 from .modes import PER_OCTAVE, Modes
@@ -90,19 +91,18 @@ def _singular(
 def _pushed(samples: int, dt: float, damping: float, guide: tuple[float, float]) -> tuple[Values, Values]:
     """(speed [s], travel [s^2]) of a residual at each sample after one period of unit torque over inertia began.
 
-    As `fpjax.gap.simulate.replay.advance` simulates it: the friction of a period acts at the speed of its middle, the
-    guide pushes at its end, and what the guide has added is taken off the residual.
+    As `fpjax.gap.simulate.replay.advance` simulates it: the friction of a period acts at its mean speed, the guide
+    pushes at its end, and what the guide has added is taken off the residual.
     """
     stiffness, firm = guide
+    final, mean = (float(share) for share in faded(damping * dt))
     speed = angle = added = travelled = 0.0
     found = np.zeros((2, samples))
     for k in range(samples):
         found[:, k] = speed - added, angle - travelled
         push = dt * (-stiffness * angle - firm * speed)
-        torque = 1.0 if k == 0 else 0.0
-        middle = speed + 0.5 * dt * (torque - damping * speed)
-        after = speed + dt * (torque - damping * middle)
-        angle, speed = angle + 0.5 * dt * (speed + after + push), after + push
+        gained = dt * ((1.0 if k == 0 else 0.0) - damping * speed)
+        angle, speed = angle + dt * (speed + mean * gained + 0.5 * push), speed + final * gained + push
         travelled, added = travelled + dt * (added + 0.5 * push), added + push
     return found[0], found[1]
 

@@ -42,6 +42,7 @@ class Response:
         self.driving = float(np.clip(np.mean(np.sign(torque) * np.sign(speed)), 0.0, 1.0))
         self.inertial = self._mean_squares([self.setting.inertia * record.acceleration for record in self.records])
         self.commanded = self._mean_squares([record.torque for record in self.records])
+        self.changes = [self._changes(record) for record in self.records]
         # A reading's scale changes the response where the rate reading alone shows the motion.
         self.rate_alone = self.records[0].position is None
         guide = runner.tables[0].guide
@@ -64,6 +65,15 @@ class Response:
             found[own] = np.mean(each[own])
         return found
 
+    def _changes(self, record: Record) -> Values:
+        """Mean square by octave [N^2 m^2] of how the command changes within each window, shape (windows, modes)."""
+        torque = record.torque[record.rows()]
+        squares = ((torque - np.mean(torque, axis=1, keepdims=True)) @ self.modes.torque) ** 2
+        for band in np.unique(self.modes.band):
+            own = self.modes.band == band
+            squares[:, own] = np.mean(squares[:, own], axis=1, keepdims=True)
+        return squares
+
     def torques(self, c: Candidate, windows: Windows) -> Values:
         """Effective number of coefficients of each mode that count as torques, for `log_volume`.
 
@@ -78,10 +88,11 @@ class Response:
             Shape (2, modes) [1]: of motions that the torque makes, and of those that are imposed.
         """
         noise = np.concatenate([self.noise[which][chosen] for which, chosen in enumerate(windows)])
-        seen = np.sum(self.modes.wiener(c.level, noise), axis=0)
+        changes = np.concatenate([self.changes[which][chosen] for which, chosen in enumerate(windows)])
         missing = np.maximum(c.level[self.modes.band] ** 2, 1e-300)
-        made = self.inertial / (self.inertial + missing) * self._answered(missing)
-        return seen * np.stack([0.5 * made, self.imposed(c.level)])
+        seen = np.sum(self.modes.wiener(c.level, noise) * changes / (changes + missing), axis=0)
+        made = self.inertial / (self.inertial + missing)
+        return seen * np.stack([0.5 * made, 1.0 - made])
 
     def imposed(self, level: Values) -> Values:
         """Share of the motion that is imposed by a loop, which answers a missing torque with the command [1], (modes,).

@@ -35,7 +35,9 @@ SPRING_RATIO = 0.05  # damping ratio of a spring [1]
 CLOSED = 1e-9  # clearance of a spring, as the time to cross it at top speed [s]: its logarithm is finite
 SAME = 0.05  # difference of fitted and given nominal numbers that makes them one point of the grid [1]
 NUMBERS = 1.5  # factor by which a nominal number may be beyond the fitted and the given one [1]
-DESCENTS = 2  # points of each slice from which the search descends
+# Points of each slice from which the search descends, half of which go on from one band to the next: of a spring, and
+# of a backlash, which has fewer slices and more minima.
+DESCENTS, OF_CONTACT = 4, 8
 LED, DESCENT = 4, 8  # its steps on each number of the lower bands, and then on all
 FACTORS, WORSE, DAMPINGS = (0.1, 1.0, 10.0), 30.0, (1e-4, 1e4)  # on its damping, tried side by side; bounds of it [1]
 FURTHEST = 0.5  # of a logarithm, in one step at most
@@ -65,7 +67,8 @@ def contact_starts(log: ImposedMotion) -> tuple[dict[str, float], ...]:
         objective = Objective(log, side, BANDS)
         if not objective.usable:
             continue
-        found += [_values(log, one, side) for one in _descents(objective, rows, low, high, FACES)[:STARTS]]
+        descended = _descents(objective, rows, low, high, FACES, each=OF_CONTACT)
+        found += [_values(log, one, side) for one in descended[:STARTS]]
     return (*found, *(one | {"damping_ratio": LIVELY * one["damping_ratio"]} for one in found))
 
 
@@ -97,7 +100,7 @@ def spring_starts(log: ImposedMotion) -> tuple[dict[str, float], ...]:
 
 def _descents(
     objective: Objective, rows: Sequence[Sequence[float]], low: Sequence[float], high: Sequence[float], slices: int,
-    *, of_each: bool = False,
+    *, each: int = DESCENTS, of_each: bool = False,
 ) -> list[Values]:  # fmt: skip
     """Where the descents from the best points of each slice of a grid's resonances end, none twice.
 
@@ -107,6 +110,7 @@ def _descents(
         low: lowest values, likewise.
         high: highest ones.
         slices: between the lowest and the highest resonance.
+        each: points of a slice from which it descends.
         of_each: the best of each slice, which a descent does not leave, instead of the best of all.
 
     Returns:
@@ -122,12 +126,12 @@ def _descents(
     edges = np.linspace(np.log(low[2]), np.log(high[2]), slices + 1)[1:-1]
     order = np.argsort(objective.scores(np.exp(grid)))
     own = np.searchsorted(edges, grid[2, order])
-    begun = [order[own == one][:DESCENTS] for one in range(slices)]
+    begun = [order[own == one][:each] for one in range(slices)]
     slice_of = np.repeat(np.arange(slices), [len(some) for some in begun])
     if of_each:
         least, most = (np.repeat(bound, len(slice_of), axis=1) for bound in (least, most))
         least[2], most[2] = np.append(least[2, 0], edges)[slice_of], np.append(edges, most[2, 0])[slice_of]
-    found, scores = _descended(objective, grid[:, np.concatenate(begun)], least, most)
+    found, scores, slice_of = _descended(objective, grid[:, np.concatenate(begun)], least, most, slice_of)
     order, chosen = [int(at) for at in np.argsort(scores) if np.isfinite(scores[at])], list[int]()
     if of_each:
         order = [next(at for at in order if slice_of[at] == one) for one in np.unique(slice_of[order])]
@@ -137,19 +141,29 @@ def _descents(
     return [found[:, at] for at in chosen]
 
 
-def _descended(objective: Objective, points: Values, least: Values, most: Values) -> tuple[Values, Values]:
-    """Points after steps of Levenberg and Marquardt, and their scores: in the lowest band first, then in more of them.
+def _descended(
+    objective: Objective, points: Values, least: Values, most: Values, slice_of: Values
+) -> tuple[Values, Values, Values]:
+    """Points after steps of Levenberg and Marquardt, their scores and slices: in the lowest band first, then in more.
+
+    The better half of each slice goes on from one band to the next.
 
     Args:
         objective: lower is better.
         points: logarithms of the parameters, shape (parameters, points).
         least: lowest ones, (parameters, points or 1).
         most: highest ones.
+        slice_of: index of each point's slice, (points,).
     """
     points, one = np.clip(points, least, most), np.eye(len(points))
+    least, most = (np.broadcast_to(bound, points.shape) for bound in (least, most))
     damping = np.full(points.shape[1], FACTORS[0])
-    bands = len(objective.filters)
+    bands, led_by = len(objective.filters), 1
     for used in [*(band for band in range(1, bands) for _ in range(LED)), *[bands] * DESCENT]:
+        if used > led_by:
+            kept, led_by = _better_half(objective.scores(np.exp(points), used), slice_of), used
+            points, least, most = points[:, kept], least[:, kept], most[:, kept]
+            damping, slice_of = damping[kept], slice_of[kept]
         before, gradient, matrix = objective.linearised(np.exp(points), used)
         held = ((points <= least) & (gradient.T > 0.0)) | ((points >= most) & (gradient.T < 0.0))  # by a bound
         free = np.where(held.T, 0.0, 1.0)
@@ -164,7 +178,19 @@ def _descended(objective: Objective, points: Values, least: Values, most: Values
         chosen, better = np.argmin(scores, axis=0), np.min(scores, axis=0) < before
         points = np.where(better, np.stack(trials)[chosen, :, np.arange(len(chosen))].T, points)
         damping = np.clip(damping * np.where(better, np.array(FACTORS)[chosen], WORSE), *DAMPINGS)
-    return points, objective.scores(np.exp(points))
+    return points, objective.scores(np.exp(points)), slice_of
+
+
+def _better_half(scores: Values, slice_of: Values) -> Values:
+    """Indices of the points with the lower scores in each slice, half of them and one at the least.
+
+    Both arguments have the shape (points,).
+    """
+    kept = []
+    for one in np.unique(slice_of):
+        own = np.flatnonzero(slice_of == one)
+        kept.append(own[np.argsort(scores[own], kind="stable")][: (len(own) + 1) // 2])
+    return np.concatenate(kept)
 
 
 def _least(log: ImposedMotion) -> dict[str, float]:

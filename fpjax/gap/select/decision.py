@@ -28,7 +28,7 @@ from .weighed import (
     weighed_fit,
     whole_gap,
 )  # fmt: skip
-from .wild_numbers import STRIBECK, mends_numbers, plausible, with_right_numbers
+from .wild_numbers import STRIBECK, mends_numbers, plausible, wild, with_right_numbers
 
 LIKELY = 6  # effects that are tried as a third cause: those that did best as a second one
 PAIR_KEEP = (16, 8, 5, 4)  # sets of causes that go on to each stage where causes are added
@@ -309,13 +309,17 @@ def _with_stribeck(
 def _numbers_instead(search: Search, exact: Exact, chosen: Weighed, shares: Shares) -> Weighed:
     """The chosen model with wrong numbers in the place of an effect that they make up for, and that is a detail.
 
-    A friction by direction holds numbers of its own, a factor makes several wrong in proportion. What is no cause is
-    first of all a number that was guessed: it then stands corrected in the model, which holds no effect for it.
+    A friction by direction holds numbers of its own, a factor makes several wrong in proportion, and a law of the speed
+    beside numbers that are further off than a guess may stand for the very numbers: a drag with fifteen times the
+    Coulomb friction and no viscous one, in one direction. What is no cause is first of all a number that was guessed:
+    it then stands corrected in the model, which holds no effect for it.
     """
-    whole = whole_gap(search, exact, chosen.fit)
+    whole, off = whole_gap(search, exact, chosen.fit), wild(search, exact, chosen.fit)
     for effect in chosen.fit.candidate.effects:
         held = bool(numbers_of(effect))
-        if shares.energy[effect.name] > THRESHOLDS.matters or not (held or effect.name in ONE_FOR_MANY):
+        for_them = bool(off & {name.removesuffix("_error") for name in shares.alike.get(effect.name, ())})
+        small = shares.energy[effect.name] <= THRESHOLDS.matters
+        if not (for_them or (small and (held or effect.name in ONE_FOR_MANY))):
             continue
         (fit,) = search.fitted([_without(chosen.fit, effect)])
         # Of what holds numbers the evidence is that they are wrong, unless these leave a gap of their own.

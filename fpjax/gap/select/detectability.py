@@ -13,6 +13,7 @@ from ..thresholds import THRESHOLDS, Thresholds
 NONE = 1e-3  # of the friction: a torque below it is none [1]
 LIGHT = 1.1  # the lighter mass, over the lightest that is fitted, below which it is none [1]
 DRIVES = 0.1  # of its usual level, that a friction by position may be below zero [1]
+TAIL = 0.5  # of a Stribeck friction's torque at rest, that acts at the slowest speed of a log, at least [1]
 PERIODIC = {"cogging": "cogging_periods", "position_dependent_friction": "ripple_periods"}
 
 
@@ -28,7 +29,8 @@ def resolved(search: Search, fit: Fit, t: Thresholds = THRESHOLDS) -> bool:
     value, more than any torque of the log, is a difference of two large torques that cancel each other over a short
     travel. A dead zone that swallows half of the largest torque stands for a torque that is always there, and so does a
     friction that drives, in one direction or at some positions. A limit that ends at the least that is looked for
-    stands for a friction, one at the largest command limits nothing.
+    stands for a friction, one at the largest command limits nothing. A Stribeck friction of which the log shows the
+    tail alone, at speeds far from rest, is any curvature of the friction.
 
     Args:
         search: of the logs.
@@ -50,6 +52,8 @@ def resolved(search: Search, fit: Fit, t: Thresholds = THRESHOLDS) -> bool:
     if "position_dependent_friction" in c.structural and _drives(search, values):
         return False
     speed = np.abs(np.concatenate([record.speed for record in search.records]))
+    if "stribeck" in c.structural and _tail(values, float(np.min(speed))) < TAIL:
+        return False
     usual = float(np.median(speed[speed > t.moves * setting.speed]))
     for effect, periods in PERIODIC.items():
         if effect in c.structural and values[periods] * usual / (2.0 * np.pi) > t.ripple / setting.dt:
@@ -68,6 +72,11 @@ def resolved(search: Search, fit: Fit, t: Thresholds = THRESHOLDS) -> bool:
     if "backlash" in c.structural:
         return "gap" not in ends and values["gap"] > t.clearance * _Known(fit).deviation("gap")
     return True
+
+
+def _tail(values: Mapping[str, float], slowest: float) -> float:
+    """Share of a Stribeck friction's torque at rest that acts at the slowest speed of a log [rad/s]."""
+    return float(np.exp(-((slowest / values["stribeck_velocity"]) ** values["stribeck_exponent"])))
 
 
 def _drives(search: Search, values: Mapping[str, float]) -> bool:

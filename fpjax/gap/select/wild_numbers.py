@@ -27,7 +27,7 @@ def plausible(
     then stand for a drag, a Coulomb level for a dead zone: any law of a recorded variable, or a factor on all numbers.
     Friction that the nominal model has none of stands for itself.
     """
-    off = _wild(search, exact, chosen.fit)
+    off = wild(search, exact, chosen.fit)
     if not off or len(set(chosen.structural) - {STRIBECK}) >= THRESHOLDS.most_causes:
         return chosen, []
     laws = {e.name for e in search.effects if e.name in FACTORS or (e.follows and not off & set(numbers_of(e)))}
@@ -59,7 +59,7 @@ def with_right_numbers(search: Search, exact: Exact, chosen: Weighed, tried: Seq
     chance; a Stribeck friction that falls all along the speeds has them off where a drag is missing, and bends better
     after a law of another form. What takes its place may lose as little evidence and torque as one factor may.
     """
-    off, others = _wild(search, exact, chosen.fit), _far_off(search, exact, chosen.fit)
+    off, others = wild(search, exact, chosen.fit), _far_off(search, exact, chosen.fit)
     if len(off) < 2:
         return chosen
     enough = THRESHOLDS.matters * whole_gap(search, exact, chosen.fit) ** 2
@@ -83,8 +83,8 @@ def with_right_numbers(search: Search, exact: Exact, chosen: Weighed, tried: Seq
 
 def mends_numbers(search: Search, exact: Exact, chosen: Fit, best: Fit) -> bool:
     """Whether friction numbers that were further off than a guess all come back, and no other goes off."""
-    wild = _wild(search, exact, chosen)
-    return bool(wild) and _wild(search, exact, best) <= wild and come_back(exact.fit, chosen, best, wild)
+    off = wild(search, exact, chosen)
+    return bool(off) and wild(search, exact, best) <= off and come_back(exact.fit, chosen, best, off)
 
 
 def _stribeck_anew(search: Search, start: Start) -> list[Start]:
@@ -100,7 +100,7 @@ def _stribeck_anew(search: Search, start: Start) -> list[Start]:
     return [replace(start, values=values | one, like=None, or_given=False) for one in own]
 
 
-def _wild(search: Search, exact: Exact, fit: Fit) -> set[str]:
+def wild(search: Search, exact: Exact, fit: Fit) -> set[str]:
     """Friction numbers of a fit that are further off than a guess; not those that the nominal model has none of."""
     return _far_off(search, exact, fit) - {"inertia"}
 

@@ -182,8 +182,7 @@ def advance(
     # A machine that surely moves has friction in that direction, and as at half its speed at least. Else a model could
     # rest under any torque below its friction, and none would seem to be missing.
     measured = _measured(sensor, tables.moving[at], windows.integrated)
-    least = LEAST_SPEED * measured
-    behind = jnp.where(jnp.sign(least) * (guided_rate - least) < 0.0, least - guided_rate, 0.0)
+    behind = held_in_motion(guided_rate, measured)
     applied, shift, measured = once((applied, (behind, aside), measured))
     following = once(_moved(machine, state, applied, shift, measured, time, tables.dt, substeps))
     # The guide's acceleration [rad/s^2], constant over the period.
@@ -202,6 +201,17 @@ def advance(
     lagged = sensor.follow(carry.lagged, rate, rate_after, tables.dt)
     torque = carry.torque if after.lagged is None else after.lagged
     return Carry(following, torque, lagged, carry.lagged, guided, faster), predicted
+
+
+def held_in_motion(speed: Array, measured: Array) -> Array:
+    """What a simulated machine's speed lacks of `LEAST_SPEED` of that at which it surely moves [rad/s], arrays alike.
+
+    Args:
+        speed: simulated.
+        measured: as of `_measured`; 0 for unknown.
+    """
+    least = LEAST_SPEED * measured
+    return jnp.where(jnp.sign(least) * (speed - least) < 0.0, least - speed, 0.0)
 
 
 def _measured(sensor: ServoSensor, reading: Array, alone: Array) -> Array:
@@ -246,27 +256,30 @@ def _moved(
     side = jnp.sign(measured)
     rigid = isinstance(state, OneMassState) and structure_of(machine) == "rigid"
     motion = _at(_turned(state, behind, aside), applied, time, 0.5 * dt)
-    free = applied - machine.plant.load.readout(motion)
     if not rigid:
         # As much faster as it takes not to stop, but no faster than it was: friction at another speed is another one.
+        free = applied - machine.plant.load.readout(motion)
         most = 2.0 * dt * (jnp.abs(free) + machine.law.breakaway(motion)) / machine.plant.inertia
         most = jnp.minimum(most, jnp.abs(measured))
         rate = machine.sensor.seen(output_of(state))[0] + behind  # of the mass that was measured: the other one swings
         behind = behind + side * jnp.maximum(most - side * rate, 0.0) * jnp.abs(side)
-        following = advance_exact(machine.plant, _turned(state, behind, aside), applied, time, dt, substeps)
-        return _turned(following, -behind, -aside - dt * behind)
+        motion = _at(_turned(state, behind, aside), applied, time, 0.5 * dt)
+    # The drag has no direction that could be wrong: it stays that of the simulated speed.
+    own = _at(_turned(state, 0.0 * behind, aside), applied, time, 0.5 * dt)
+    applied = applied + machine.law.drag(motion) - machine.law.drag(own)
     following = advance_exact(machine.plant, _turned(state, behind, aside), applied, time, dt, substeps)
+    if not rigid:
+        return _turned(following, -behind, -aside - dt * behind)
     stops = side * following.velocity < 0.0
     stops = stops | ((side != 0.0) & (following.velocity == 0.0))
     # Where it would stop, the acceleration that it starts with goes on.
+    free = applied - machine.plant.load.readout(motion)
     sliding = (free - machine.law.drag(motion) - side * machine.law.level(motion)) / machine.plant.inertia
     gained = jnp.where(stops, dt * sliding, following.velocity - motion.velocity)
+    travel = jnp.where(stops, 0.5 * dt * gained, following.position - aside - state.position - dt * motion.velocity)
     carried = stops | (behind != 0.0)
-    return OneMassState(
-        jnp.where(carried, state.velocity + gained, following.velocity),
-        jnp.where(carried, state.position + dt * (state.velocity + 0.5 * gained), following.position - aside),
-        following.friction,
-    )
+    speed = jnp.where(carried, state.velocity + gained, following.velocity)  # at rest zero to the last bit
+    return OneMassState(speed, state.position + dt * state.velocity + travel, following.friction)
 
 
 def _at(state: PyTree, applied: Array, time: Array, half: Array) -> Motion:
