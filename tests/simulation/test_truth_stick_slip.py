@@ -143,7 +143,7 @@ def test_a_viscous_friction_is_as_strong_in_any_step(share, within):
         angle += steady * step + (speed - steady) * (1.0 - np.exp(-share)) * step / share
         speed = steady + (speed - steady) * np.exp(-share)
         assert float(state.velocity) == pytest.approx(speed, abs=within * scale)
-        assert float(state.position) == pytest.approx(angle, abs=within * scale * step)
+        assert float(state.position) == pytest.approx(angle, abs=2.0 * within * scale * step)
 
 
 @pytest.mark.parametrize("share", [2.5, 30.0, 1e4])
