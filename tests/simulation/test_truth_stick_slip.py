@@ -129,7 +129,7 @@ def test_a_mass_on_a_belt():
     assert np.max(np.abs(velocity - truth)) < 2e-3 * speed + 2.0 * COULOMB * 1e-4 / INERTIA
 
 
-@pytest.mark.parametrize(("share", "within"), [(1e-3, 1e-9), (0.1, 3e-5), (0.5, 3e-3), (1.0, 0.02), (3.0, 0.2)])
+@pytest.mark.parametrize(("share", "within"), [(1e-3, 1e-9), (0.1, 1e-4), (0.5, 3e-3), (1.0, 0.02), (3.0, 0.2)])
 def test_a_viscous_friction_is_as_strong_in_any_step(share, within):
     """Of a share of the mechanical time constant [1]: a motor under a voltage, sampled as fast as it responds."""
     step = 0.01
