@@ -72,6 +72,19 @@ def test_the_motion_shows_the_gap_before_anything_is_fitted(search):
     assert [start["gap"] for start in starts] == [start["gap"] for start in search.setting.contacts]
 
 
+def test_of_a_long_log_the_part_is_looked_at_in_which_most_torque_is_missing():
+    size, count = 500, 40
+    starts = np.arange(count) * size
+    record = SimpleNamespace(time=np.zeros(count * size), starts=starts, samples=size)
+    course = 0.1 * np.random.default_rng(0).standard_normal(count * size)
+    course[20 * size : 29 * size] *= 10.0
+    course[23 * size : 25 * size] = np.nan  # withheld
+    whole = ImposedMotion(None, 0, record, course, {}, {}, None).part
+    assert (whole.start, whole.stop) in [(k * size, k * size + imposed_motion.BLOCK) for k in (20, 21)]
+    short = SimpleNamespace(time=np.zeros(3000), starts=starts[:6], samples=size)
+    assert ImposedMotion(None, 0, short, course[:3000], {}, {}, None).part == slice(0, 3000)
+
+
 SPRING, ON_LOAD = 20.0, 0.35  # N m/rad: 5.17 Hz of the two halves; N m of dry friction, all of it on the load
 OTHER = 0.02  # kg m^2 of each mass
 

@@ -1,9 +1,10 @@
 """A load on a shaft, simulated with the measured motion imposed on the side that has a sensor.
 
-Nothing diverges then: only the other mass is simulated, over the whole log at once, and the shaft's torque is compared
-with the one that the measured side asks for.
+Nothing diverges then: only the other mass is simulated, over a whole part of the log at once, and the shaft's torque is
+compared with the one that the measured side asks for.
 """
 
+import functools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -16,7 +17,7 @@ from ...logs.arrays import Values
 from ..data.record import Record
 from ..data.setting import Setting
 from ..effects.parameters import highest_frequency
-from ..simulate.hidden_states import HiddenStates
+from ..simulate.hidden_states import BLOCK, HiddenStates
 from ..simulate.lane_kernel import LANES
 from .candidate import NOMINAL
 
@@ -28,6 +29,7 @@ ORDER = 3  # of the Butterworth low-passes
 COARSE = 3  # samples that are averaged before they are filtered: a sixth of the Nyquist frequency is looked at
 EDGE = 170  # coarse samples of padding at either end of a filtered course
 MOVING = 0.01  # of the top speed: width of the reversal of friction
+WINDOWS = 8  # of the log, at least, that are looked at together: about as many reversals
 CHANGE = 0.01  # of a logarithm, for a derivative
 DIVERGED = 1e60  # derivative of a torque [N m] from which on a simulation has diverged
 
@@ -55,6 +57,25 @@ class ImposedMotion:
     given: dict[str, float]
     setting: Setting
 
+    @functools.cached_property
+    def part(self) -> slice:
+        """The samples that are looked at: the part in which most torque is missing, mean logarithm of its windows.
+
+        Of whole blocks, as they are simulated: the search takes most of the time before any effect is fitted.
+        """
+        samples, starts, size = len(self.record.time), self.record.starts, self.record.samples
+        span = -(-WINDOWS * size // BLOCK) * BLOCK
+        if samples <= span:
+            return slice(0, samples)
+        courses = self.course[starts[:, None] + np.arange(size)]
+        energy = np.log(np.maximum(np.var(courses, axis=1), np.finfo(float).tiny))  # NaN where it is withheld
+        first = starts[starts + span <= samples]
+        inside = (starts >= first[:, None]) & (starts + size <= first[:, None] + span)
+        known = inside & np.isfinite(energy)
+        mean = np.sum(np.where(known, energy, 0.0), axis=1) / np.maximum(np.sum(known, axis=1), 1)
+        best = int(first[int(np.argmax(np.where(np.any(known, axis=1), mean, -np.inf)))]) if len(first) else 0
+        return slice(best, best + span)
+
 
 class Objective:
     """The objective of the search: how much torque a shaft leaves unexplained on the measured side, at the command.
@@ -67,21 +88,23 @@ class Objective:
 
     def __init__(self, log: ImposedMotion, side: float, bands: tuple[float, ...]):
         self.log, self.side = log, side
-        record, setting, nominal = log.record, log.setting, log.nominal
-        speed = 0.5 * (record.speed[1:] + record.speed[:-1])
+        record, setting, nominal, part = log.record, log.setting, log.nominal, log.part
+        measured = record.speed[part]
+        speed = 0.5 * (measured[1:] + measured[:-1])
         # A smooth sign: at a reversal the sign of a measured speed is uncertain by a few samples.
         turning = np.tanh(speed / (MOVING * setting.speed))
         # Torques are linear in these, so that their means over `COARSE` samples are those of what they are made of.
-        self.slope, self.turning, self.speed = (_coarse(x) for x in (np.diff(record.speed) / record.dt, turning, speed))
+        self.slope, self.turning, self.speed = (_coarse(x) for x in (np.diff(measured) / record.dt, turning, speed))
         level, drag, held = _beside(log, speed)
         self.level, self.drag, self.held = _coarse(turning * level), _coarse(drag), _coarse(held)
         self.given = sum(self._parts(*([nominal[name]] for name in NOMINAL)))
         corners = [share * highest_frequency(setting) * record.dt * COARSE for share in bands]
         self.filters = _filters(len(speed) // COARSE, corners)
-        course = log.course[:-1]
+        course = log.course[part][:-1]
         # Stretches of half a window, at its start and at its middle; all of their samples must have a missing torque.
         known, half = _coarse(course), record.samples // 2 // COARSE - 1
-        starts = -(-np.concatenate([record.starts, record.starts + record.samples // 2]) // COARSE)
+        starts = np.concatenate([record.starts, record.starts + record.samples // 2]) - part.start
+        starts = -(-starts[starts >= 0] // COARSE)
         inside = starts[starts + half <= len(known)]
         rows = inside[:, None] + np.arange(half)
         self.rows = rows[np.all(np.isfinite(known[rows]), axis=1)]
@@ -145,7 +168,7 @@ class Objective:
             some = rows[:, first : first + LANES]
             vectors = np.repeat(base[:, None], some.shape[1], axis=1)
             vectors[places] = some
-            shaft = np.ascontiguousarray(_coarse(log.hidden_states.shafts(vectors, log.which)).T)
+            shaft = np.ascontiguousarray(_coarse(log.hidden_states.shafts(vectors, log.which, log.part)).T)
             share, (level, smooth), (inertia, coulomb, viscous) = some[1, :, None], some[4:6, :, None], some[6:]
             parts = self._parts(inertia, coulomb, viscous)
             # What the load side takes: its inertia, its share of the friction, a known load.
@@ -208,8 +231,8 @@ class Objective:
 
 def _beside(log: ImposedMotion, speed: Values) -> tuple[Values, Values, Values]:
     """What the nominal model has beside its numbers, in the measured motion: (level, drag, load) [N m], (samples,)."""
-    machine, angle = log.hidden_states.family.machine, log.record.angle
-    torque, time = jnp.asarray(log.record.torque[: len(speed)]), jnp.asarray(log.record.time[: len(speed)])
+    machine, angle = log.hidden_states.family.machine, log.record.angle[log.part]
+    torque, time = (jnp.asarray(column[log.part][:-1]) for column in (log.record.torque, log.record.time))
     motion = Motion(jnp.asarray(speed), jnp.asarray(0.5 * (angle[1:] + angle[:-1])), time, torque)
     law = machine.law
     level = np.asarray(law.level(motion)) - float(law.coulomb)

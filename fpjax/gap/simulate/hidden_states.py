@@ -86,17 +86,21 @@ class HiddenStates:
                 found[:, first:last] = np.stack([np.asarray(o) for o in out])[:, : last - first]
         return np.where(np.isfinite(found), found, 0.0)
 
-    def shafts(self, vectors: Float[Values, "parameters lanes"], which: int) -> Float[Values, "_ lanes"]:
+    def shafts(
+        self, vectors: Float[Values, "parameters lanes"], which: int, part: slice | None = None
+    ) -> Float[Values, "_ lanes"]:
         """Torque of a shaft whose side with the sensor moves as measured [N m], shape (samples - 1, lanes).
 
         Args:
             vectors: parameters of at most `LANES` lanes, (parameters, lanes).
             which: index of the record.
+            part: of its samples; None for all.
         """
         record, count = self.records[which], vectors.shape[1]
-        samples = len(record.time)
+        first, last = (0, len(record.time)) if part is None else (part.start, part.stop)
+        samples = last - first
         # Whole blocks: a log of another length then runs the loop that is compiled already.
-        index = np.minimum(np.arange(-(-samples // BLOCK) * BLOCK), samples - 1)
+        index = first + np.minimum(np.arange(-(-samples // BLOCK) * BLOCK), samples - 1)
         lanes = np.minimum(np.arange(LANES), count - 1)
         with double_precision():
             out = self.whole(
