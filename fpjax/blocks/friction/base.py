@@ -248,7 +248,11 @@ class AbstractStaticFriction(AbstractFriction):
         safe = jnp.where(crosses & (velocity != 0.0), sliding, 1.0)
         until = jnp.where(velocity != 0.0, -velocity / safe, 0.0)
         left = dt - until
-        final, mean = faded(fading * left)
+        # Shares of a whole step, and none of no step: between them a line, which a loop over time need not divide for.
+        share = left * (1.0 / dt)
+        final, mean = (
+            none - (none - whole) * share for none, whole in zip((1.0, 0.5), faded(fading * dt), strict=True)
+        )
         gained = self._above(middle, free, shares) * mobility * left
         turned = final * gained
         stopped = position + 0.5 * until * velocity + left * (mean * gained)
