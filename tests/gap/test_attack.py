@@ -6,8 +6,8 @@ from model_files import LARGE_BODY
 from numpy_machine import swing
 from sentences import faults
 
-from fpjax import InputError, diagnose, read_log
-from fpjax.gap.data.checks import about_noise
+from fpjax import InputError, Log, diagnose, load_model, read_log
+from fpjax.gap.data.checks import about_noise, check
 
 MODEL = (
     LARGE_BODY
@@ -46,6 +46,22 @@ def test_what_cannot_be_diagnosed_is_refused_in_a_sentence(given, match):
     with pytest.raises(InputError, match=match) as refused:
         diagnose(given, MODEL)
     assert not faults(str(refused.value)), str(refused.value)
+
+
+def test_runs_at_one_steady_speed_each_are_diagnosed_together():
+    """The classical way to measure friction: one run a speed. Each by itself shows nothing."""
+    model, friction = load_model(MODEL), {0.5: 21.0, 2.0: 24.0, -1.0: -22.0}
+
+    def steady(speed):
+        noise = 1e-3 * RANDOM.normal(size=ROWS)
+        return Log(TIME, friction[speed] + 0.1 * noise, speed + noise, speed * TIME, None, 1e-3, f"run at {speed}")
+
+    runs = [steady(speed) for speed in friction]
+    check(runs, model)
+    with pytest.raises(InputError, match=r"run at 0.5: its speed stays at 0.5 rad/s"):
+        check(runs[:1], model)
+    with pytest.raises(InputError, match=r"run at 0.5, run at 0.5: their speed stays at 0.5 rad/s"):
+        check([steady(0.5), steady(0.5)], model)
 
 
 def test_equations_without_a_solution_are_a_sentence(monkeypatch):

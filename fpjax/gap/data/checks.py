@@ -12,6 +12,7 @@ from ...blocks.plants import TwoMass
 from ...blocks.plants.transmission import Transmission
 from ...errors import InputError
 from ...logs import Log
+from ...logs.arrays import Values
 from ...logs.checks.agreement import TOGETHER, one_unit, travelled
 from ...logs.checks.suspicion import Suspicion
 from ...logs.checks.suspicions import Numbers, suspicions
@@ -84,8 +85,7 @@ def check(logs: Sequence[Log], model: Model) -> Checked:
         for one in found:
             if one.severity == "stop":
                 raise InputError(one.sentence)
-    for log in logs:
-        _check_drive(log, "m/s" if model.linear else "rad/s")
+    _check_drive(logs, "m/s" if model.linear else "rad/s")
     return checked
 
 
@@ -103,15 +103,6 @@ def refuse_contradicted(log: Log, model: Model, undone: str) -> None:
     found = check([log], model).contradictions(rate=log.position is None)
     if found:
         raise InputError(f"{undone} until this is settled: {found[0]}")
-
-
-def can_drive(log: Log) -> bool:
-    """Whether a torque acts and the speed changes."""
-    try:
-        _check_drive(log, "")
-    except InputError:
-        return False
-    return True
 
 
 def wrong_kinds(log: Log) -> set[str]:
@@ -201,27 +192,36 @@ def _middle(log: Log) -> slice:
     return slice(first, first + MOST_ROWS)
 
 
-def _check_drive(log: Log, unit: str) -> None:
-    """Refuse a log without torque, or with one speed throughout.
+def _check_drive(logs: Sequence[Log], unit: str) -> None:
+    """Refuse a log without torque, or logs that all have one and the same speed throughout.
+
+    Runs at one steady speed each, at several speeds or in both directions, tell the friction together.
 
     Raises:
-        InputError: for such a log.
+        InputError: for such logs.
     """
-    if not np.any(log.torque):
-        raise InputError(
-            f"{log.name}: its torque is zero throughout, and the torque is what a diagnosis simulates from: was the "
-            "right column mapped?"
-        )
-    part = _middle(log)
-    columns = (None if column is None else column[part] for column in (log.velocity, log.position))
-    speed = speed_of(dataclasses.replace(log, **dict(zip(("velocity", "position"), columns, strict=True))))
+    for log in logs:
+        if not np.any(log.torque):
+            raise InputError(
+                f"{log.name}: its torque is zero throughout, and the torque is what a diagnosis simulates from: was "
+                "the right column mapped?"
+            )
+    speed = np.concatenate([_speed(log) for log in logs])
     size, spread = float(np.sqrt(np.mean(speed**2))), float(np.std(speed))
     if spread < THRESHOLDS.uniform * size:
+        names, its = ", ".join(log.name for log in logs), "its" if len(logs) == 1 else "their"
         mean, within = float(np.mean(speed)), 100.0 * spread / size
         raise InputError(
-            f"{log.name}: its speed stays at {mean:.4g} {unit} (within {within:.2g} %), at which friction, load and "
+            f"{names}: {its} speed stays at {mean:.4g} {unit} (within {within:.2g} %), at which friction, load and "
             "inertia look alike: record a run with reversals and several speeds."
         )
+
+
+def _speed(log: Log) -> Values:
+    """Speed in the middle of a log, at most `MOST_ROWS` of it."""
+    part = _middle(log)
+    columns = (None if column is None else column[part] for column in (log.velocity, log.position))
+    return speed_of(dataclasses.replace(log, **dict(zip(("velocity", "position"), columns, strict=True))))
 
 
 def about_noise(logs: Sequence[Log], floor: float, unit: str) -> list[str]:

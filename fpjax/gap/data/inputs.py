@@ -9,7 +9,7 @@ import numpy as np
 from ...logs import Log, LogSource, read_log
 from ...logs.mending.resample import at_period
 from ...model_file import Model, ModelSource, load_model
-from .checks import SAME_PERIOD, can_drive, wrong_kinds
+from .checks import SAME_PERIOD, wrong_kinds
 from .record import FEWEST, LEAST, LONGEST, MOST, SECONDS
 
 SIMILAR_PERIOD = 0.1  # relative difference of periods up to which logs are resampled onto that of the first
@@ -46,7 +46,7 @@ def _that_tell_more(log: Log) -> list[Log]:
     if not parts:
         return []
     wrong = wrong_kinds(log)
-    return [part for part in parts if can_drive(part) and wrong_kinds(part) <= wrong]
+    return [part for part in parts if np.any(part.torque) and wrong_kinds(part) <= wrong]
 
 
 def _in_one_time(logs: list[Log]) -> list[Log]:
