@@ -10,6 +10,7 @@ import numpy as np
 from ..blocks.sensors import KalmanFusion
 from ..gap.data.channel import make_channel
 from ..gap.data.record import EDGE, FEWEST, LONGEST, SECONDS, SHORTEST
+from ..gap.data.setting import drag_slope
 from ..gap.fit.make_modes import make_modes
 from ..gap.fit.modes import Modes
 from ..gap.fit.search import BAND
@@ -88,7 +89,8 @@ def make_measurement_model(
     chosen = starts[np.unique(np.linspace(0, len(starts) - 1, min(MOST_WINDOWS, len(starts))).round().astype(int))]
     rates, angles = (size if there else 0.0 for size, there in zip((rate, angle), channels, strict=True))
     # As many modes as the diagnosis uses: those of torque within its band; the first set only serves to count them.
-    damping = model.nominal["viscous"] / model.nominal["inertia"]
+    slope = model.nominal["viscous"] + drag_slope(model, limits.speed / np.sqrt(2.0))
+    damping = slope / model.nominal["inertia"]
     first = make_modes(samples, model.dt, model.nominal["inertia"], rates, angles, damping=damping)
     most = max(16, int(np.sum(~first.sensor & (first.frequency < BAND * 0.5 / model.dt))))
     modes = make_modes(samples, model.dt, model.nominal["inertia"], rates, angles, most, damping=damping)

@@ -1,6 +1,7 @@
 """The guide: a simulation that leaves the measured motion is held near it, and a linear one's residual stays."""
 
 import math
+from types import SimpleNamespace
 
 import gap_search
 import numpy as np
@@ -10,8 +11,9 @@ import pytest
 from fpjax import load_model
 from fpjax.gap import EFFECTS
 from fpjax.gap.answer.free_replay import free_replay
-from fpjax.gap.data.replay_tables import tables_of
+from fpjax.gap.data.replay_tables import guide_of, tables_of
 from fpjax.gap.fit.candidate import Start
+from fpjax.gap.fit.guide import guide_bandwidth
 from fpjax.gap.fit.least_squares import Fitter
 from fpjax.gap.simulate.family import Runner
 from fpjax.gap.verb import make_search
@@ -44,6 +46,27 @@ def test_a_guide_leaves_the_residual_of_a_linear_machine_as_it_is(sensors):
     free, held = (guided_fitter(search, bandwidth).coefficients([c], 0, windows)[0] for bandwidth in (0.0, 20.0))
     assert np.max(np.abs(free)) > 10.0  # standard deviations: there is something to see
     np.testing.assert_allclose(held, free, atol=1e-3 * np.max(np.abs(free)))
+
+
+@pytest.mark.parametrize("damping", [0.0, 5.0, 50.0, 200.0])
+def test_a_guide_that_is_chosen_again_is_no_firmer(damping):
+    """Of one and the same missing torque: a guide changes the residual of a damped machine."""
+    frequency = np.arange(0.5, 60.0) / 2.0
+    modes = SimpleNamespace(frequency=frequency, sensor=np.zeros(60, bool), basis=np.zeros((500, 60)))
+    record = SimpleNamespace(motion_squares=lambda: np.full(8, 1.0), integrated=False)
+    setting = SimpleNamespace(damping=damping, window=0.5, dt=1e-3)
+    s = 2j * np.pi * frequency
+    own = s**2 + damping * s
+
+    def chosen(present):
+        stiffness, firm = guide_of(record, present)
+        held = firm * s + stiffness
+        residual = 4e3 * (s**2 + held) / (s**2 * (own + held))
+        return guide_bandwidth([record], modes, [(np.ones(1), np.abs(residual)[None])], setting, present)
+
+    first = chosen(0.0)
+    assert first > 0.0
+    assert chosen(first) == first
 
 
 def test_under_a_guide_viscous_friction_answers_to_the_measured_speed():

@@ -3,6 +3,7 @@
 import itertools
 
 import equinox as eqx
+import jax
 import numpy as np
 import pytest
 from scipy.optimize import brentq
@@ -155,3 +156,34 @@ def test_a_step_of_many_time_constants_ends_at_the_steady_speed(share):
     for k in range(60):
         state = advance_exact(plant, state, np.float64(3.0), np.float64(k * step), np.float64(step))
     assert float(state.velocity) == pytest.approx(2.0 / viscous, rel=1e-6)
+
+
+@pytest.mark.parametrize(("share", "most"), [(0.1, 1e-3), (0.5, 2e-3), (1.0, 1e-2)])
+def test_a_body_that_just_stops_ends_as_one_that_just_does_not(share, most):
+    """Largest change of the final speed from one start speed to the next, over what the step adds."""
+    step = 0.01
+    plant = fp.OneMass(INERTIA, fp.CoulombViscous(1.0, share * INERTIA / step))
+    torque, starts = -3.0, np.linspace(0.0, 8.0 * step, 8001)
+
+    def after(speed):
+        state = eqx.tree_at(lambda at: at.velocity, fp.OneMass.init(plant), speed)
+        moved = advance_exact(plant, state, np.float64(torque), np.float64(0.0), np.float64(step))
+        return moved.velocity, moved.position
+
+    speed, angle = (np.asarray(one) for one in jax.vmap(after)(starts))
+    added = 4.0 / INERTIA * step
+    assert np.any(speed < 0.0)
+    assert np.any(speed > 0.0)
+    assert np.max(np.abs(np.diff(speed))) < most * added
+    assert np.max(np.abs(np.diff(angle))) < most * added * step
+
+
+@pytest.mark.parametrize("share", [1.0, 5.0])
+def test_bristles_under_a_strong_drag_come_to_their_steady_speed(share):
+    step = 0.01
+    viscous = share * INERTIA / step
+    plant = fp.OneMass(INERTIA, fp.LuGre(1.0, 1.0, 1.0, 1e3, 1.0, viscous).general())
+    state = fp.OneMass.init(plant)
+    for k in range(800):
+        state = advance_exact(plant, state, np.float64(3.0), np.float64(k * step), np.float64(step))
+    assert float(state.velocity) == pytest.approx(2.0 / viscous, rel=1e-3)

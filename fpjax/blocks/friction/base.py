@@ -160,8 +160,9 @@ class AbstractStaticFriction(AbstractFriction):
         Where the speed would change its sign, the step is cut at the crossing, and the rest of the step goes on with
         the torque that is left above the friction level, soft(T, k) / J. A body at rest stays at rest while |T| <= k.
         Forward mode differentiates this almost everywhere. The smooth part of the torque is taken at the mean speed of
-        the step, which is that of a drag with the slope at its start: exact for a viscous friction however strong,
-        second order for another drag.
+        the step, which is that of a drag with the slope at its start: for a viscous friction right to 0.1 % of what
+        the step adds where that is half a time constant long, 1 % at one, 3 % at two, and stable at any; second order
+        for another drag.
 
         Reference: the event is that of Karnopp, "Computer simulation of stick-slip friction in mechanical dynamic
         systems", 1985, resolved in time instead of by a band of speeds.
@@ -214,7 +215,10 @@ class AbstractStaticFriction(AbstractFriction):
         """(velocity, position) after dt, from `position`; the other arguments as of `turn`."""
         velocity, side = motion.velocity, jnp.sign(motion.velocity)
         mobility = 1.0 / inertia  # one division, which a loop over time does once
-        fading = shares.drag * self.drag_slope(motion) * mobility
+        # At rest the slope of the direction in which the body can start.
+        toward = jnp.where(velocity == 0.0, jnp.where(free < 0.0, -NEARLY_REST, NEARLY_REST), velocity)
+        slope = self.drag_slope(Motion(toward, motion.position, motion.time, motion.torque))
+        fading = shares.drag * slope * mobility
         gained = dt * self._sliding(motion, free, shares, side) * mobility
         final, mean = faded(dt * fading)
         # Where the body stops within the step, its mean speed until then is half of that at the start.
@@ -247,6 +251,11 @@ class AbstractStaticFriction(AbstractFriction):
         # division by zero in an unselected branch still makes the gradient NaN.
         safe = jnp.where(crosses & (velocity != 0.0), sliding, 1.0)
         until = jnp.where(velocity != 0.0, -velocity / safe, 0.0)
+        # At half its speed a strong drag is a little too large in the mean: without this a body that just stops and one
+        # that just does not would differ by 7 % at x = 1.
+        faster = fading * until
+        slower = 1.0 / (6.0 + faster)
+        until = jnp.minimum(until * (1.0 + 0.5 * faster * faster * slower), dt)
         left = dt - until
         # Shares of a whole step, and none of no step: between them a line, which a loop over time need not divide for.
         share = left * (1.0 / dt)
@@ -255,7 +264,7 @@ class AbstractStaticFriction(AbstractFriction):
         )
         gained = self._above(middle, free, shares) * mobility * left
         turned = final * gained
-        stopped = position + 0.5 * until * velocity + left * (mean * gained)
+        stopped = position + 3.0 * slower * until * velocity + left * (mean * gained)
         slid = position + dt * middle.velocity
         return once((jnp.where(crosses, turned, after), jnp.where(crosses, stopped, slid)))
 
@@ -265,7 +274,8 @@ def faded(x: Any) -> tuple[Any, Any]:
 
     A body that a torque alone would make faster by g is (1 - e^-x) / x g faster in the end, (e^-x - 1 + x) / x^2 g in
     the mean, with x the drag's slope times the step over the inertia [1]. e^-x is its Pade approximation of order
-    (1, 2), 0.1 % off at x = 0.5, 1 % at 1, and never beyond 1: any step is stable. A number or an array.
+    (1, 2), 0.1 % off at x = 0.5, 1 % at 1, and never beyond 1: any step is stable. Beyond 3 it is negative, and a step
+    overshoots its steady speed by up to 10 %. A number or an array.
     """
     whole = 1.0 / (6.0 + x * (4.0 + x))
     return (6.0 + x) * whole, (3.0 + x) * whole

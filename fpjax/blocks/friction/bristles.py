@@ -79,8 +79,9 @@ class Bristles(AbstractFriction):
         free = torque - load(at_start)
         # The share that acts over the step: after the travel of half a step at the speed that the step begins with.
         between = self.advance(share, half * velocity)
-        first = free - law.drag(at_start) - law.level(at_start) * between
-        halfway = velocity + half * first / inertia
+        # The drag is taken implicitly as well, by its slope: a step may be as long as it takes to come to rest.
+        drag, fading = law.drag(at_start), half * law.drag_slope(at_start)
+        halfway = velocity + half * (free - drag - law.level(at_start) * between) / (inertia + fading)
         middle = Motion(halfway, place, moment, torque)
         side = jnp.where(halfway < 0.0, -1.0, 1.0)
         slack = jnp.maximum(1.0 - between * side, NEARLY_REST)
@@ -88,8 +89,8 @@ class Bristles(AbstractFriction):
         # damper does not limit the step.
         damper = self.damping * jnp.exp(self.exponent * log(slack))
         level = law.level(middle) * self.advance(share, half * halfway)
-        pulled = torque - load(middle) - law.drag(middle) - level
-        slope = (pulled - damper * velocity) / (inertia + half * damper)
+        pulled = torque - load(middle) - drag - level
+        slope = (pulled - damper * velocity) / (inertia + half * damper + fading)
         after = velocity + dt * slope
         travel = half * (velocity + after)
         return after, start.position + travel, self.advance(share, travel)

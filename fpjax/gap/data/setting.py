@@ -101,8 +101,7 @@ def make_setting(records: list[Record], model: Model) -> Setting:
     coulomb, viscous = values.get("coulomb", 0.0), values.get("viscous", 0.0)
     plant = model.loop.plant
     load = plant.load
-    squares = np.mean(np.concatenate([record.speed for record in records]) ** 2)
-    drag = float(general_law(plant.friction)[0].drag_coefficient)
+    rms = float(np.sqrt(np.mean(np.concatenate([record.speed for record in records]) ** 2)))
     return Setting(
         inertia=values["inertia"],
         coulomb=coulomb,
@@ -117,12 +116,17 @@ def make_setting(records: list[Record], model: Model) -> Setting:
         # Quantiles, not maxima: an outlier in a column would widen every bound.
         effort=torque + values["inertia"] * max(float(np.quantile(np.abs(r.acceleration), 0.99)) for r in records),
         nominal={"inertia": values["inertia"], "coulomb": coulomb, "viscous": viscous},
-        drag_slope=2.0 * drag * float(np.sqrt(squares)),
+        drag_slope=drag_slope(model, rms),
         units=replace(model.units, motion="linear") if longest.linear else model.units,
         unknown_origin=longest.integrated and turns_with_position(load),
         turning_load=0.0 if longest.integrated else first_harmonic(load),
         at_rest=reading_at_rest(longest),
     )
+
+
+def drag_slope(model: Model, speed: float) -> float:
+    """Slope of a nominal model's quadratic drag at a speed [rad/s], in N m s/rad."""
+    return 2.0 * float(general_law(model.loop.plant.friction)[0].drag_coefficient) * speed
 
 
 def reading_at_rest(record: Record) -> float:

@@ -23,7 +23,9 @@ from .modes import Modes
 TRIED = 16  # number of bandwidths, evenly spaced in logarithm
 
 
-def guide_bandwidth(records: Sequence[Record], modes: Modes, coefficients: Coefficients, setting: Setting) -> float:
+def guide_bandwidth(
+    records: Sequence[Record], modes: Modes, coefficients: Coefficients, setting: Setting, present: float = 0.0
+) -> float:
     """Bandwidth [Hz] of the weakest guide that keeps simulations near the motion; zero where none is needed.
 
     The weakest, because a guide follows readings, and lets their noise and their timing errors into the simulation.
@@ -33,17 +35,22 @@ def guide_bandwidth(records: Sequence[Record], modes: Modes, coefficients: Coeff
         modes: of a window.
         coefficients: residuals of the nominal model, from which its distance to the motion follows.
         setting: sizes.
+        present: bandwidth of the guide under which that model was simulated [Hz].
     """
     moved = float(np.sqrt(np.mean(np.concatenate([record.motion_squares() for record in records]))))
     squares = np.mean(np.concatenate([plain**2 for _, plain in coefficients]), axis=0)
     squares = np.where(modes.sensor, 0.0, squares)
     s = 2j * np.pi * modes.frequency
+    # A torque moves a free mass by 1 / (s^2 + b s) and a guided one by 1 / (s^2 + (b + d) s + k); what the guide has
+    # added, (d s + k) / s^2 of that, is taken off the residual.
+    own = s**2 + setting.damping * s
+    stiffness, damping = guide_of(records[0], present)
+    held = s**2 + damping * s + stiffness
+    squares = squares * np.abs(s**2 * (own + damping * s + stiffness) / (own * held)) ** 2
 
     def distance(bandwidth: float) -> float:
         """Rms residual of the nominal model under a guide, over the rms motion [1]."""
         stiffness, damping = guide_of(records[0], bandwidth)
-        # A torque moves a free mass by 1 / (s^2 + b s) and a guided one by 1 / (s^2 + (b + d) s + k).
-        own = s**2 + setting.damping * s
         left = squares * np.abs(own / (own + damping * s + stiffness)) ** 2
         return float(np.sqrt(np.sum(left) / modes.basis.shape[0])) / moved
 

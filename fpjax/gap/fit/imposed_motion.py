@@ -104,7 +104,9 @@ class Objective:
         # Stretches of half a window, at its start and at its middle; all of their samples must have a missing torque.
         known, half = _coarse(course), record.samples // 2 // COARSE - 1
         starts = np.concatenate([record.starts, record.starts + record.samples // 2]) - part.start
-        starts = -(-starts[starts >= 0] // COARSE)
+        # A part from the middle of a log begins with a shaft that was wound up as if it had rested: its first window is
+        # of that.
+        starts = -(-starts[starts >= (record.samples if part.start else 0)] // COARSE)
         inside = starts[starts + half <= len(known)]
         rows = inside[:, None] + np.arange(half)
         self.rows = rows[np.all(np.isfinite(known[rows]), axis=1)]

@@ -29,7 +29,7 @@ def make_modes(
         rate_noise: standard deviation of a rate reading [rad/s]; 0 for no rate sensor.
         angle_noise: of a position reading [rad]; 0 for none.
         most: modes with torque that are kept; 0 for all.
-        damping: nominal viscous friction over inertia [1/s].
+        damping: slope of the nominal friction over the inertia [1/s] (`Setting.damping`).
         guide: stiffness [1/s^2] and damping [1/s] by which the simulation is held near the motion.
     """
     basis, size, course = _singular(samples, dt, inertia, rate_noise, angle_noise, damping, guide)

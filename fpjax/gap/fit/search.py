@@ -250,7 +250,7 @@ class Search:
 
     def _needed_guide(self, records: list[Record], base: Candidate) -> float:
         """Bandwidth of the guide [Hz] that a fit of the nominal model needs, whatever guide it was fitted under."""
-        return guide_bandwidth(records, self.modes, self._coefficients(base), self.setting)
+        return guide_bandwidth(records, self.modes, self._coefficients(base), self.setting, self.guide)
 
     def _noise_scale(self, base: Candidate) -> float:
         """Noise standard deviation of the sensors over its estimate from differences of successive samples [1]."""

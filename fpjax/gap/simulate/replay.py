@@ -17,8 +17,12 @@ import numpy as np
 from jaxtyping import Array, PyTree
 
 from ...blocks.actuators import ActuatorState
-from ...blocks.plants import OneMassState, TwoMassState
+from ...blocks.friction.base import AbstractFriction, AbstractStaticFriction, faded
+from ...blocks.friction.bristles import Bristles
+from ...blocks.friction.general import GeneralFriction
+from ...blocks.plants import OneMass, OneMassState, TwoMassState
 from ...blocks.plants.sticking import advance_exact
+from ...blocks.plants.transmission import Transmission
 from ...blocks.servo_sensor import ServoSensor
 from ...blocks.signals import Motion, PlantOutput
 from ...compiled.native import once
@@ -245,8 +249,8 @@ def _moved(
         machine: of the lanes.
         state: at the start of the period.
         applied: torque [N m].
-        shift: (speed [rad/s], angle [rad]) from the simulated motion to the one in which friction and torques of the
-            position act.
+        shift: (speed [rad/s], angle [rad]) from the simulated motion to the one in which the friction's level and
+            torques of the position act; its drag has no direction that could be wrong, and stays that of the own speed.
         measured: speed [rad/s] at which the machine surely moves: there nothing stops within the period; 0 for unknown.
         time: start of the period [s].
         dt: control period [s].
@@ -264,22 +268,53 @@ def _moved(
         rate = machine.sensor.seen(output_of(state))[0] + behind  # of the mass that was measured: the other one swings
         behind = behind + side * jnp.maximum(most - side * rate, 0.0) * jnp.abs(side)
         motion = _at(_turned(state, behind, aside), applied, time, 0.5 * dt)
-    # The drag has no direction that could be wrong: it stays that of the simulated speed.
-    own = _at(_turned(state, 0.0 * behind, aside), applied, time, 0.5 * dt)
-    applied = applied + machine.law.drag(motion) - machine.law.drag(own)
-    following = advance_exact(machine.plant, _turned(state, behind, aside), applied, time, dt, substeps)
+    law = _HeldInMotion(machine.law, behind)
+    held = eqx.tree_at(_law_of, machine.plant, law)
+    following = advance_exact(held, _turned(state, behind, aside), applied, time, dt, substeps)
     if not rigid:
         return _turned(following, -behind, -aside - dt * behind)
     stops = side * following.velocity < 0.0
     stops = stops | ((side != 0.0) & (following.velocity == 0.0))
-    # Where it would stop, the acceleration that it starts with goes on.
+    # Where it would stop, the acceleration that it starts with goes on, as far as its own drag lets it.
     free = applied - machine.plant.load.readout(motion)
-    sliding = (free - machine.law.drag(motion) - side * machine.law.level(motion)) / machine.plant.inertia
-    gained = jnp.where(stops, dt * sliding, following.velocity - motion.velocity)
-    travel = jnp.where(stops, 0.5 * dt * gained, following.position - aside - state.position - dt * motion.velocity)
+    sliding = (free - law.drag(motion) - side * law.level(motion)) / machine.plant.inertia
+    final, mean = faded(dt * law.drag_slope(motion) / machine.plant.inertia)
+    gained = jnp.where(stops, final * dt * sliding, following.velocity - motion.velocity)
+    further = following.position - aside - state.position - dt * motion.velocity
+    travel = jnp.where(stops, mean * dt * dt * sliding, further)
     carried = stops | (behind != 0.0)
     speed = jnp.where(carried, state.velocity + gained, following.velocity)  # at rest zero to the last bit
     return OneMassState(speed, state.position + dt * state.velocity + travel, following.friction)
+
+
+class _HeldInMotion(AbstractStaticFriction):
+    """A law in the motion in which a simulation is held: its level is that motion's, its drag the own speed's.
+
+    Attributes:
+        law: of the machine.
+        behind: what the own speed lacks of that motion's [rad/s].
+    """
+
+    law: GeneralFriction
+    behind: Array
+    steepness: Array | None = None
+
+    def level(self, motion: Motion) -> Array:
+        """The law's [N m]."""
+        return self.law.level(motion)
+
+    def breakaway(self, motion: Motion) -> Array:
+        """The law's [N m]."""
+        return self.law.breakaway(motion)
+
+    def drag(self, motion: Motion) -> Array:
+        """The law's at the own speed [N m]."""
+        return self.law.drag(Motion(motion.velocity - self.behind, motion.position, motion.time, motion.torque))
+
+
+def _law_of(plant: OneMass | Transmission) -> AbstractFriction:
+    friction = plant.friction
+    return friction.law if isinstance(friction, Bristles) else friction
 
 
 def _at(state: PyTree, applied: Array, time: Array, half: Array) -> Motion:
