@@ -140,7 +140,9 @@ def _misread(search: Search, c: Candidate, part: Linear) -> Values:
     found = []
     with double_precision():
         held = simulated + np.asarray(held_in_motion(jnp.asarray(simulated), tables.moving[TAPS + rows]))
-        for own, speed, position in ((simulated, held, angle + away), (measured, measured, angle)):
+        # Of one rigid mass the drag is that of its own speed.
+        slower = simulated if family.key[0] == "rigid" else held
+        for own, speed, position in ((slower, held, angle + away), (measured, measured, angle)):
             own, *columns = (
                 jnp.asarray(np.resize(each, padded)) for each in (own, speed, position, times, record.torque[rows])
             )

@@ -17,12 +17,10 @@ import numpy as np
 from jaxtyping import Array, PyTree
 
 from ...blocks.actuators import ActuatorState
-from ...blocks.friction.base import AbstractFriction, AbstractStaticFriction, faded
-from ...blocks.friction.bristles import Bristles
+from ...blocks.friction.base import AbstractStaticFriction, faded
 from ...blocks.friction.general import GeneralFriction
-from ...blocks.plants import OneMass, OneMassState, TwoMassState
+from ...blocks.plants import OneMassState, TwoMassState
 from ...blocks.plants.sticking import advance_exact
-from ...blocks.plants.transmission import Transmission
 from ...blocks.servo_sensor import ServoSensor
 from ...blocks.signals import Motion, PlantOutput
 from ...compiled.native import once
@@ -249,8 +247,10 @@ def _moved(
         machine: of the lanes.
         state: at the start of the period.
         applied: torque [N m].
-        shift: (speed [rad/s], angle [rad]) from the simulated motion to the one in which the friction's level and
-            torques of the position act; its drag has no direction that could be wrong, and stays that of the own speed.
+        shift: (speed [rad/s], angle [rad]) from the simulated motion to the one in which friction and torques of the
+            position act; of one rigid mass the friction's level alone, its drag, which has no direction that could be
+            wrong, being that of its own speed. (With shafts and bristles that was tried: a Stribeck friction beside a
+            known shaft came out up to 9 % off.)
         measured: speed [rad/s] at which the machine surely moves: there nothing stops within the period; 0 for unknown.
         time: start of the period [s].
         dt: control period [s].
@@ -267,12 +267,11 @@ def _moved(
         most = jnp.minimum(most, jnp.abs(measured))
         rate = machine.sensor.seen(output_of(state))[0] + behind  # of the mass that was measured: the other one swings
         behind = behind + side * jnp.maximum(most - side * rate, 0.0) * jnp.abs(side)
-        motion = _at(_turned(state, behind, aside), applied, time, 0.5 * dt)
-    law = _HeldInMotion(machine.law, behind)
-    held = eqx.tree_at(_law_of, machine.plant, law)
-    following = advance_exact(held, _turned(state, behind, aside), applied, time, dt, substeps)
-    if not rigid:
+        following = advance_exact(machine.plant, _turned(state, behind, aside), applied, time, dt, substeps)
         return _turned(following, -behind, -aside - dt * behind)
+    law = _HeldInMotion(machine.law, behind)
+    held = eqx.tree_at(lambda plant: plant.friction, machine.plant, law)
+    following = advance_exact(held, _turned(state, behind, aside), applied, time, dt, substeps)
     stops = side * following.velocity < 0.0
     stops = stops | ((side != 0.0) & (following.velocity == 0.0))
     # Where it would stop, the acceleration that it starts with goes on, as far as its own drag lets it.
@@ -310,11 +309,6 @@ class _HeldInMotion(AbstractStaticFriction):
     def drag(self, motion: Motion) -> Array:
         """The law's at the own speed [N m]."""
         return self.law.drag(Motion(motion.velocity - self.behind, motion.position, motion.time, motion.torque))
-
-
-def _law_of(plant: OneMass | Transmission) -> AbstractFriction:
-    friction = plant.friction
-    return friction.law if isinstance(friction, Bristles) else friction
 
 
 def _at(state: PyTree, applied: Array, time: Array, half: Array) -> Motion:
