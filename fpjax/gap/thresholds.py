@@ -95,6 +95,9 @@ class Thresholds:
         ripple: of the sampling frequency [1], above which a torque that repeats with the position mostly passes too
             fast to be told.
         clearance: standard deviations of a backlash's gap by the cost's curvature [1], up to which it may be none.
+        tail: of a Stribeck friction's torque at rest [1], that acts at the slowest speed of a log at least: with less
+            of it any curvature of the friction is one. Set on two opened records of one motor between 0.6 and 1 of its
+            top speed, where 0.23 and 0.25 act.
         swallowed: of the largest commanded torque [1], the widest dead zone of an actuator.
         reading: error of the velocity reading, of the speed's rms [1], from which on it is told.
         wrong_number: log prior odds that one nominal number is wrong [1], and that a wrong one is wild and no guess.
@@ -183,6 +186,7 @@ class Thresholds:
     rings: float = 0.1
     ripple: float = 0.3
     clearance: float = 2.0
+    tail: float = 1.0 / 3.0
     swallowed: float = 0.5
     reading: float = 0.01
     wrong_number: float = -1.0

@@ -20,7 +20,9 @@ from fpjax.gap.data.replay_tables import LATE, surely_moving
 from fpjax.gap.data.setting import reading_at_rest
 from fpjax.gap.data.tables import TAPS, Guide, Tables
 from fpjax.gap.machine import lanes, nominal_machine, with_structure
-from fpjax.gap.simulate.replay import STATES, _measured, _moved, advance, begin, output_of
+from fpjax.gap.simulate.held_motion import moved as moved_on
+from fpjax.gap.simulate.held_motion import output_of, sure_speed
+from fpjax.gap.simulate.replay import STATES, advance, begin
 from fpjax.gap.simulate.windows import Windows
 from fpjax.gap.verb import make_search
 from fpjax.simulation.precision import double_precision
@@ -115,7 +117,7 @@ def test_a_machine_at_rest_feels_the_friction_of_the_motion_it_should_have(struc
             "transmission": TwoMassState(zero, zero, zero, zero, ()),
         }[structure]
         shift = jnp.asarray(speed), zero
-        moved = _moved(machine, state, jnp.asarray(applied), shift, jnp.ones(()), zero, jnp.asarray(dt), 4)
+        moved = moved_on(machine, state, jnp.asarray(applied), shift, jnp.ones(()), zero, jnp.asarray(dt), 4)
         speeds = [moved.motor_velocity, moved.load_velocity] if structure == "transmission" else [moved.velocity]
     fading = 0.8 * dt / inertia  # of what a rigid one gains, by its own drag
     rigid = (applied - friction) * (1.0 - np.exp(-fading)) / fading
@@ -131,7 +133,7 @@ def test_a_friction_by_load_of_a_held_machine_grows_with_the_torque_alone():
         machine = nominal_machine(OneMass(inertia, law), None, None)
         zero, state = jnp.zeros(()), OneMassState(jnp.zeros(()), jnp.zeros(()), ())
         shift = jnp.ones(()), zero
-        moved = _moved(machine, state, jnp.asarray(torque), shift, jnp.ones(()), zero, jnp.asarray(dt), 4)
+        moved = moved_on(machine, state, jnp.asarray(torque), shift, jnp.ones(()), zero, jnp.asarray(dt), 4)
     assert float(moved.velocity) * inertia / dt == pytest.approx(torque - 0.4 - 0.3 * torque, rel=0.02)
 
 
@@ -149,7 +151,7 @@ def test_a_light_machine_that_is_as_fast_as_it_was_feels_the_friction_of_that_sp
             else TwoMassState(moving, zero, moving, zero, ())
         )
         at = jnp.asarray(friction), (zero, zero), moving, zero, jnp.asarray(dt)
-        moved = _moved(machine, state, *at, 4)
+        moved = moved_on(machine, state, *at, 4)
         speeds = [moved.motor_velocity, moved.load_velocity] if structure == "transmission" else [moved.velocity]
     # Held by its own friction the speed stays, but for the swing of a shaft that has no twist yet. At the speed from
     # which it could not stop within the period two fifths of the friction were missing.
@@ -230,7 +232,7 @@ def test_a_steady_speed_and_one_slow_moment_are_no_rest():
 )
 def test_what_a_reading_says_of_the_motion_under_a_bias(reading, alone, speed):
     sensor = SimpleNamespace(bias=jnp.asarray(0.3), scale=jnp.asarray(1.0))
-    assert float(_measured(sensor, jnp.asarray(reading), jnp.asarray(alone))) == pytest.approx(speed)
+    assert float(sure_speed(sensor, jnp.asarray(reading), jnp.asarray(alone))) == pytest.approx(speed)
 
 
 @pytest.mark.long  # a diagnosis

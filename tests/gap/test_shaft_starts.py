@@ -1,6 +1,5 @@
 """A load that hangs in a gap or on a spring, found with the measured motion imposed; machines in plain numpy."""
 
-import itertools
 from types import SimpleNamespace
 
 import gap_search
@@ -16,7 +15,7 @@ from fpjax.gap.fit.candidate import NOMINAL, Candidate, Start, held
 from fpjax.gap.fit.hidden_starts import estimate_hidden_states, fit_hidden_states
 from fpjax.gap.fit.imposed_motion import ImposedMotion, Objective
 from fpjax.gap.fit.screen import from_bases
-from fpjax.gap.fit.shaft_starts import APART, BANDS, DESCENTS, FACES, HARD, _descents
+from fpjax.gap.fit.shaft_starts import BANDS
 from fpjax.gap.select.starts import alone
 from fpjax.gap.verb import make_search
 
@@ -198,30 +197,6 @@ def test_a_load_that_bounces_between_soft_faces_is_found(stiffness, damping):
     assert found["load_side"] == 0.0
 
 
-class Bowl:
-    """Lowest at a point, and a little less low at others: scores of a search, with what a descent asks for."""
-
-    def __init__(self, target, given):
-        numbers = {"inertia": 1.0, "coulomb": 1.0, "viscous": 1.0}
-        self.log = SimpleNamespace(
-            nominal=numbers, given=numbers | given, setting=SimpleNamespace(friction=1.0, speed=1.0)
-        )
-        self.target, self.tried, self.filters = np.log(target)[:, None], [], [None, None]
-
-    def scores(self, rows, used=2):
-        self.tried.append(rows.shape[1])
-        return np.sum((np.log(rows) - self.target) ** 2, axis=0)
-
-    def linearised(self, rows, used):
-        away = np.log(rows) - self.target
-        return np.sum(away**2, axis=0), away.T, np.repeat(np.eye(len(away))[None], rows.shape[1], 0)
-
-
-TARGET = [0.02, 0.4, 3.0, 0.2, 0.3, 0.3, 1.0, 1.0, 1.0]
-GRID = [[gap, 0.5, frequency, 0.1, 0.5, 0.5] for gap in (0.01, 0.1) for frequency in (1.0, 2.0, 4.0)]
-LOW, HIGH = [1e-3, 0.1, 0.9, 0.01, 0.02, 0.02], [1.0, 0.9, 8.0, 0.4, 0.98, 0.98]
-
-
 @pytest.mark.long
 def test_the_objective_is_least_for_the_true_load_and_knows_its_slope(search, monkeypatch):
     states = search.hidden_states[search.family((BY_NAME["backlash"],)).key]
@@ -247,31 +222,6 @@ def test_the_objective_is_least_for_the_true_load_and_knows_its_slope(search, mo
         slope = (after - score) / small - small * np.diag(matrix[0])  # without its change over the step
         np.testing.assert_allclose(2.0 * gradient[0], slope, rtol=0.05, atol=0.03 * np.max(np.abs(slope)))
     assert np.all(np.linalg.eigvalsh(matrix[0]) > -1e-9 * np.trace(matrix[0]))
-
-
-def test_each_slice_of_a_backlash_holds_a_resonance_of_the_grid():
-    edges = np.geomspace(0.1, 2.0, FACES + 1)
-    assert [np.sum((a < h) & (h < b)) for a, b in itertools.pairwise(edges) for h in [np.array(HARD)]] == [1] * FACES
-
-
-def test_points_of_the_grid_are_tried_once_where_the_numbers_agree():
-    for given, grid in (({}, len(GRID)), ({"inertia": 2.0}, 2 * len(GRID))):
-        bowl = Bowl(TARGET, given)
-        _descents(bowl, GRID, LOW, HIGH, 3)
-        assert bowl.tried[0] == grid
-        # Three dampings of the best points of each slice, of which the better half goes on.
-        assert bowl.tried[1] == 3 * 3 * min(DESCENTS, bowl.tried[0] // 3)
-        assert bowl.tried[-2] == 3 * 3 * min(DESCENTS, bowl.tried[0] // 3) // 2
-
-
-def test_descents_that_meet_are_one_start_and_none_leaves_the_bounds():
-    (only,) = _descents(Bowl(TARGET, {}), GRID, LOW, HIGH, 3)
-    assert np.exp(only) == pytest.approx(TARGET, rel=APART)
-    beyond = [9.0, *TARGET[1:]]
-    found = np.exp(_descents(Bowl(beyond, {}), GRID, LOW, HIGH, 3, of_each=True))
-    assert found[:, 0] == pytest.approx([HIGH[0]] * 3)
-    edges = np.geomspace(LOW[2], HIGH[2], 4)
-    assert sorted(found[:, 2]) == pytest.approx([edges[1], TARGET[2], edges[2]], rel=0.01)
 
 
 @pytest.mark.parametrize(("travel", "most"), [(0.01, 0.05), (1.0, 0.25), (1000.0, 0.5)])

@@ -29,7 +29,8 @@ from ..fit.modes import Modes
 from ..fit.search import Search
 from ..machine import Machine
 from ..simulate.family import window_fields
-from ..simulate.replay import assembled, held_in_motion
+from ..simulate.held_motion import held_in_motion
+from ..simulate.replay import assembled
 from .smooth_tables import Table, resting
 
 # Standard deviations of the departure of a point from its neighbours' line that are tried, over the size of friction:
@@ -113,9 +114,10 @@ def _misread(search: Search, c: Candidate, part: Linear) -> Values:
     """Correction of c for the model's own torques, taken at the simulated motion, shape (windows, modes).
 
     Within a window the simulated motion departs from the measured one, and with it friction and load F. The modes are
-    those of a mass without friction: J r' = d - (F(simulated) - F(measured)). The difference is added, and what
-    remains is the missing torque d at the measured motion. F(simulated) is what the replay took: torques of the
-    position at the measured one where that is known, the friction's level as at the measured direction.
+    those of a mass without friction but for the nominal damping, which is taken off below: J r' = d - (F(simulated) -
+    F(measured)). The difference is added, and what remains is the missing torque d at the measured motion. F(simulated)
+    is what the replay took: torques of the position at the measured one where that is known, the friction's level as
+    at the measured direction.
     """
     fitter, record = search.fitters[c.family.key], search.records[part.which]
     vector = np.repeat(c.vector[:, None], len(part.windows), 1)

@@ -13,7 +13,6 @@ from ..thresholds import THRESHOLDS, Thresholds
 NONE = 1e-3  # of the friction: a torque below it is none [1]
 LIGHT = 1.1  # the lighter mass, over the lightest that is fitted, below which it is none [1]
 DRIVES = 0.1  # of its usual level, that a friction by position may be below zero [1]
-TAIL = 1.0 / 3.0  # of a Stribeck friction's torque at rest, that acts at the slowest speed of a log, at least [1]
 PERIODIC = {"cogging": "cogging_periods", "position_dependent_friction": "ripple_periods"}
 
 
@@ -52,7 +51,7 @@ def resolved(search: Search, fit: Fit, t: Thresholds = THRESHOLDS) -> bool:
     if "position_dependent_friction" in c.structural and _drives(search, values):
         return False
     speed = np.abs(np.concatenate([record.speed for record in search.records]))
-    if "stribeck" in c.structural and _tail(values, float(np.min(speed))) < TAIL:
+    if "stribeck" in c.structural and _tail(values, float(np.min(speed))) < t.tail:
         return False
     usual = float(np.median(speed[speed > t.moves * setting.speed]))
     for effect, periods in PERIODIC.items():
