@@ -20,6 +20,7 @@ from .answer.assemble import assemble
 from .answer.curves import curves_of
 from .answer.provenance import columns_hash, provenance
 from .data.checks import about_noise, check
+from .data.encoder_error import about_errors, encoder_errors, without_errors
 from .data.inputs import about_late_torque, on_one_clock, read_logs, read_model, with_earlier_torque
 from .data.record import about_stretches, make_records
 from .data.setting import make_setting
@@ -141,6 +142,15 @@ def _diagnose(
         )
     try:
         search = make_search(logs, withheld, model, effects, keep)
+        misread = [encoder_errors(log, model.nominal["inertia"]) for log in everything]
+        if any(misread):
+            # A rate sensor that ripples with the position parts from the encoder likewise: what leaves less is right.
+            mended = [without_errors(log, errors) for log, errors in zip(everything, misread, strict=True)]
+            parts = mended[: len(logs)], mended[len(logs) :]
+            searches = {0.0: search, 1.0: make_search(*parts, model, effects, keep, again=True)}
+            if least_missing(searches, None) == 1.0:
+                search, (logs, withheld) = searches[1.0], parts
+                warnings += [about_errors(log, e) for log, e in zip(everything, misread, strict=True) if e]
         warnings += about_stretches(search.records)
         if doubts and search.records[0].velocity is None:
             doubts = checked.contradictions(rate=False)

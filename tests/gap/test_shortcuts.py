@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.signal import butter, lfilter, sosfiltfilt
 
+from fpjax.gap.data.late_reading import lagged
 from fpjax.gap.fit.bounded import bounded_steps
 from fpjax.gap.fit.imposed_motion import ORDER, _filters, _passed
 from fpjax.gap.fit.period_starts import _energies, _wave
-from fpjax.gap.select.readings import _lagged
 
 
 @pytest.mark.parametrize("time", [1e-5, 2e-4, 1e-3, 3e-2])
@@ -18,7 +18,7 @@ def test_a_lag_is_the_recursion(time):
     decay = np.exp(-dt / time)
     gain = time / dt * (1.0 - decay)
     wanted, _ = lfilter([1.0 - gain, gain - decay], [1.0, -decay], values, zi=[values[0] * gain])
-    np.testing.assert_allclose(_lagged(values, time, dt), wanted, rtol=1e-12, atol=1e-11)
+    np.testing.assert_allclose(lagged(values, time, dt), wanted, rtol=1e-12, atol=1e-11)
 
 
 def test_a_period_explains_what_least_squares_says():

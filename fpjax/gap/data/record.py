@@ -191,6 +191,8 @@ def _position_is_enough(
     ]
     if any(is_derived(rate, angle.values) or in_another_unit(rate, angle.values, log.dt) for log, rate, angle in both):
         return True
+    if any(stamp_jitter(rate, angle.values, float(log.dt)) for log, rate, angle in both):
+        return False
     return all(
         _resolved(None, angle, inertia, SECONDS[1], log.dt) < RESOLVED * float(np.sqrt(np.mean(np.square(log.torque))))
         for log, _, angle in both

@@ -43,6 +43,7 @@ class Response:
         self.inertial = self._mean_squares([self.setting.inertia * record.acceleration for record in self.records])
         self.commanded = self._mean_squares([record.torque for record in self.records])
         self.changes = [self._changes(record) for record in self.records]
+        self.answering = np.mean(np.concatenate(self.changes), axis=0)
         # A reading's scale changes the response where the rate reading alone shows the motion.
         self.rate_alone = self.records[0].position is None
         guide = runner.tables[0].guide
@@ -98,17 +99,14 @@ class Response:
         """Share of the motion that is imposed by a loop, which answers a missing torque with the command [1], (modes,).
 
         Not where the inertial torque is the larger one: there the torque makes the motion. And not where the command
-        holds hardly any torque beside the missing one: it does not answer.
+        hardly changes within a window, beside the missing torque: it does not answer.
 
         Args:
             level: of the missing torque by octave [N m], shape (bands,).
         """
         missing = np.maximum(level[self.modes.band] ** 2, 1e-300)
-        return missing / (missing + self.inertial) * self._answered(missing)
-
-    def _answered(self, missing: Values) -> Values:
-        """Share of the command in what it and the missing torque hold together [1], shape (modes,)."""
-        return np.where(self.modes.sensor, 0.0, self.commanded / (self.commanded + missing))
+        answered = np.where(self.modes.sensor, 0.0, self.answering / (self.answering + missing))
+        return missing / (missing + self.inertial) * answered
 
     def torque_scale(self, c: Candidate) -> Values:
         """Factor of a candidate's missing torque at the command over that which `Modes` infers from its residual.

@@ -7,6 +7,7 @@ from ..noise import rounding_step
 LEAST = 256  # [samples]
 CLASSES = 8  # of speed, each of as many samples as the others
 HEAVY = 3.0  # times the slowest class' standard deviation, by which the fastest must scatter more
+JUMPS = 0.998  # of the samples [1]: more than that are single jumps
 LOOKED_AT = 400_000  # [samples]
 
 
@@ -50,5 +51,8 @@ def stamp_jitter(velocity: np.ndarray, position: np.ndarray, dt: float) -> float
     if slope <= 0.0 or scatter[-1] < HEAVY**2 * max(scatter[0], 1e-300) or slope * square[-1] < HEAVY * abs(floor):
         return None
     # `rough` holds third differences of the position over dt: independent errors tau v of the readings have there a
-    # variance of (1 + 9 + 9 + 1) tau^2 v^2 / dt^2
-    return float(dt * np.sqrt(slope / 20.0))
+    # variance of (1 + 9 + 9 + 1) tau^2 v^2 / dt^2. Where a few readings are far off their stamps (a bus that is busy
+    # now and then), the median knows nothing of them: the mean square does, all but of single jumps.
+    fastest = rough[classes[-1]] ** 2
+    most = float(np.mean(np.minimum(fastest, np.quantile(fastest, JUMPS)))) - max(floor, 0.0)
+    return float(dt * np.sqrt(max(slope, most / square[-1]) / 20.0))

@@ -1,0 +1,217 @@
+"""Encoder error: what an encoder misreads periodically along its scale, seen with a rate sensor beside it.
+
+The interpolation within a line of the scale, an eccentric disc or an unbalanced pair of sine and cosine tracks make a
+reading wrong by a sine of the position (Heydemann, "Determination and correction of quadrature fringe measurement
+errors in interferometers", 1981). Differentiated twice it is a torque that nothing made, the larger the faster the
+machine turns, and looks like cogging. A rate sensor does not have it: where the two part by a sine of the position, it
+is taken out of the position's column before anything is fitted.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...logs import Log
+from ...logs.arrays import Values
+from ...logs.checks.agreement import in_another_unit
+from ...logs.dynamics.derivative import travel
+from ...logs.noise import is_derived
+from .channel import Channel, make_channel
+from .late_reading import Comparison, as_late, compared, lowest
+
+MOST = 200_000  # samples that are compared
+BINS = 2**21  # of the position, at most
+TONES = 6  # sines, at most
+FEWEST = 3  # periods within the travel
+# The strongest sine's power over the median of its neighbours': noise alone makes 20 with a million of them, a lag of
+# the reading that is not quite met up to 120, which takes a fiftieth of what the two part by.
+STANDS_OUT, NEIGHBOURS = 60.0, 256
+TAKES = 0.03  # of the energy of what the two part by
+OWN = 0.5  # of the motion's own sine, which a lag that is not quite met would leave a part of
+MATTERS = 0.01  # torque that it looks like, of the commanded torque's rms
+SLOWEST = 0.3  # longest time over which the two are compared [s]
+
+
+@dataclass(frozen=True)
+class EncoderError:
+    """One sine of the position by which the encoder misreads.
+
+    Attributes:
+        periods: per turn (of a linear axis per 2 pi m), as those of cogging [1].
+        sine, cosine: reading less position is sine x sin(periods x position) + cosine x cos(...) [rad].
+    """
+
+    periods: float
+    sine: float
+    cosine: float
+
+    @property
+    def amplitude(self) -> float:
+        """Of the error [rad]."""
+        return float(np.hypot(self.sine, self.cosine))
+
+    def at(self, position: Values) -> Values:
+        """The error at some positions [rad]."""
+        angle = self.periods * position
+        return self.sine * np.sin(angle) + self.cosine * np.cos(angle)
+
+
+def encoder_errors(log: Log, inertia: float) -> tuple[EncoderError, ...]:
+    """What a log's encoder misreads, the largest first; nothing where no rate sensor shows it.
+
+    Args:
+        log: one in which the rate is no derivative of the position.
+        inertia: nominal J [kg m^2].
+    """
+    if log.velocity is None or log.position is None:
+        return ()
+    rate, angle, dt = np.asarray(log.velocity, float)[:MOST], np.asarray(log.position, float)[:MOST], float(log.dt)
+    if np.ptp(angle) == 0.0 or is_derived(rate, angle) or in_another_unit(rate, angle, dt):
+        return ()
+    position = make_channel(angle)
+    apart = _Apart.of(rate, position, angle, dt)
+    if apart is None:
+        return ()
+    effort = float(np.sqrt(np.mean(np.square(log.torque[:MOST]))))
+    torque = inertia * float(np.sqrt(np.mean(rate**4)))  # of a sine, per rad and squared period
+    found: list[EncoderError] = []
+    left = apart.left
+    while len(found) < TONES and (periods := apart.strongest(left)) > 0.0:
+        nearer = found
+        for _ in range(2):  # at the position as read, then at that without what was found
+            apart = _Apart.of(rate, position, _true(angle, nearer), dt) or apart
+            periods = apart.refined(apart.without(found), periods)
+            nearer = apart.fitted([*(one.periods for one in found), periods])
+        left = apart.without(nearer)
+        slight = torque * nearer[-1].amplitude * periods**2 < MATTERS * effort
+        if slight or np.mean(left**2) > (1.0 - TAKES) * np.mean(apart.without(found) ** 2):
+            break
+        found = nearer
+    return tuple(sorted(found, key=lambda one: -one.amplitude * one.periods**2))
+
+
+@dataclass(frozen=True)
+class _Apart:
+    """What the encoder and the integral of the rate part by, without what is slower than both tell.
+
+    Attributes:
+        angle: the encoder's, without what was found so far, shape (samples,).
+        left: what they part by [rad], shape (samples,).
+        moved: the integral of the rate, likewise [rad].
+        both: the comparison of the two, with how late the rate is.
+        half: samples on either side that an average is taken over, which is taken off.
+        dt: control period [s].
+    """
+
+    angle: Values
+    left: Values
+    moved: Values
+    both: Comparison
+    half: int
+    dt: float
+
+    @staticmethod
+    def of(rate: Values, position: Channel, angle: Values, dt: float) -> "_Apart | None":
+        """Of a velocity column and an encoder; None where too little is recorded to tell how late the rate is."""
+        both = compared(rate, dataclasses.replace(position, values=angle), float(np.sqrt(np.mean(rate**2))), dt)
+        if both is None:
+            return None
+        # The integral of white noise wanders: after so many samples by as much as the encoder's own noise.
+        noise = make_channel(rate).noise * dt
+        half = int(np.clip((position.noise / max(noise, 1e-300)) ** 2, 16, max(SLOWEST / dt, 16)))
+        empty = np.zeros(0)
+        bare = _Apart(angle, empty, empty, both, half, dt)
+        moved = bare.quick(travel(rate, dt))
+        return dataclasses.replace(bare, left=bare.quick(bare.as_read(position.values)) - moved, moved=moved)
+
+    def as_read(self, values: Values) -> Values:
+        """An angle as late and as large as the rate sensor reads it."""
+        key = self.both.ranked[0]
+        errors = self.both.errors(key)
+        scale = self.both.lines[key][int(np.argmin(errors))].scale
+        return scale * as_late(values, key, lowest(self.both.late, errors), self.dt)
+
+    def quick(self, values: Values) -> Values:
+        """Less the average of the samples around each, of those that are there at the ends."""
+        total = np.concatenate([[0.0], np.cumsum(values - values[0])])
+        index = np.arange(len(values))
+        low, high = np.maximum(index - self.half, 0), np.minimum(index + self.half + 1, len(values))
+        return values - values[0] - (total[high] - total[low]) / (high - low)
+
+    def strongest(self, left: Values) -> float:
+        """Periods of the strongest sine of the position in what is left; 0 where none stands out."""
+        reach = float(np.ptp(self.angle))
+        # A sine that passes within four samples, or within four steps of the encoder, is none to tell.
+        fastest = 0.5 * np.pi / float(np.sqrt(np.mean(np.diff(self.angle) ** 2)))
+        bins = int(min(2.0 ** np.ceil(np.log2(max(4.0 * reach * fastest / np.pi, 16.0))), BINS))
+        periods = np.pi / reach * np.arange(bins + 1)
+        power, own = (self._power(values, bins) for values in (left, self.moved))
+        allowed = (periods > 2.0 * np.pi * FEWEST / reach) & (periods < fastest)
+        # Where the motion itself has that sine, a part of it that a lag leaves is no error of the encoder.
+        allowed &= power > OWN**2 * np.maximum(own - STANDS_OUT * _around(own), 0.0)
+        ratio = np.where(allowed, power / np.maximum(_around(power), 1e-300), 0.0)
+        place = int(np.argmax(ratio))
+        return float(periods[place]) if ratio[place] > STANDS_OUT else 0.0
+
+    def _power(self, values: Values, bins: int) -> Values:
+        """Power of the sines of the position, shape (bins + 1,), every half period more within the travel."""
+        place = (self.angle - np.min(self.angle)) * (bins / np.ptp(self.angle))
+        sums = np.bincount(np.minimum(place.astype(int), bins - 1), weights=values, minlength=bins)
+        return np.abs(np.fft.rfft(sums, 2 * bins)) ** 2
+
+    def refined(self, left: Values, periods: float) -> float:
+        """Periods next to some that leave least of what is left."""
+        near = periods + np.pi / float(np.ptp(self.angle)) * np.linspace(-1.0, 1.0, 9)
+        tables = [self._table([one]) for one in near]
+        return lowest(near, np.array([np.mean((left - t @ np.linalg.lstsq(t, left)[0]) ** 2) for t in tables]))
+
+    def _table(self, periods: Sequence[float]) -> Values:
+        """Sine and cosine of each of some periods as the rate sensor would read them, shape (samples, 2 of each)."""
+        waves = [f(n * self.angle) for n in periods for f in (np.sin, np.cos)]
+        return np.stack([self.quick(self.as_read(wave)) for wave in waves], 1)
+
+    def fitted(self, periods: Sequence[float]) -> list[EncoderError]:
+        """Errors of those periods by least squares, in their order."""
+        weights = np.linalg.lstsq(self._table(periods), self.left)[0].reshape(-1, 2)
+        return [EncoderError(n, float(a), float(b)) for n, (a, b) in zip(periods, weights, strict=True)]
+
+    def without(self, errors: Sequence[EncoderError]) -> Values:
+        """What is left without some errors [rad], shape (samples,)."""
+        return self.left - self.quick(self.as_read(sum((one.at(self.angle) for one in errors), np.zeros(1))))
+
+
+def _around(power: Values) -> Values:
+    """Median of each value's neighbours, from block to block in straight lines, shape as given."""
+    blocks = max(len(power) // NEIGHBOURS, 1)
+    parts = np.array_split(power, blocks)
+    middle = np.cumsum([len(part) for part in parts]) - 0.5 * np.array([len(part) for part in parts])
+    return np.interp(np.arange(len(power)), middle, [float(np.median(part)) for part in parts])
+
+
+def without_errors(log: Log, errors: Sequence[EncoderError]) -> Log:
+    """The log with its position as it was, where the encoder misread it by some sines."""
+    return dataclasses.replace(log, position=_true(np.asarray(log.position, float), errors)) if errors else log
+
+
+def _true(read: Values, errors: Sequence[EncoderError]) -> Values:
+    """The position [rad] that is read with some errors, which are those there: far less than a period beside it."""
+    position = read
+    for _ in range(3):
+        position = read - sum((one.at(position) for one in errors), np.zeros(1))
+    return position
+
+
+def about_errors(log: Log, errors: Sequence[EncoderError]) -> str:
+    """What was noticed of an encoder and done."""
+    sines = ", ".join(
+        f"{one.amplitude:.3g} m (a period of {2.0 * np.pi / one.periods:.3g} m)"
+        if log.linear
+        else f"{one.amplitude:.3g} rad ({one.periods:.4g} periods a turn)"
+        for one in errors
+    )
+    return (
+        f"{log.name}: the position misreads by a sine of itself that the rate sensor does not have, of amplitude "
+        f"{sines}: the column was corrected before the gap was measured."
+    )
