@@ -83,6 +83,52 @@ def test_an_encoder_that_is_read_off_its_stamps_knows_its_place_no_better_than_t
     assert noise[1] == pytest.approx(2e-4 * np.sqrt(np.mean(speed**2)), rel=0.4)
 
 
+def test_beside_positions_that_are_read_off_their_stamps_the_velocity_is_fitted_too():
+    """A bus that is busy now and then: a few readings come half a period late, which no white noise stands for."""
+    rng, dt = np.random.default_rng(4), 1e-3
+    time = np.arange(0.0, 20.0, dt)
+    busy = rng.random(time.size) < 0.05
+    late = np.where(busy, 5e-4, 2e-5 * rng.standard_normal(time.size))
+    speed = 20.0 * np.sin(np.pi * time)
+    kept = []
+    for off in (0.0 * late, late):
+        position = -20.0 / np.pi * np.cos(np.pi * (time - off)) + 1e-5 * rng.standard_normal(time.size)
+        velocity = speed + 1e-3 * rng.standard_normal(time.size)
+        (one,) = make_records([Log(time, np.sign(speed), velocity, position, None, dt, "busy")], [], 0.01)
+        kept.append(one)
+    exact, jittered = kept
+    assert (exact.velocity is None, jittered.velocity is None) == (True, False)
+    assert jittered.position.noise == pytest.approx(np.sqrt(np.mean(late**2) * np.mean(speed**2)), rel=0.3)
+
+
+@pytest.mark.parametrize(("rows", "cause"), [(3, False), (12, True), (40, True)])
+def test_a_filter_of_the_encoders_own_derivative_is_told_where_it_is_longer_than_one_needs(rows, cause):
+    log = turning(noise=0.0)
+    position = 1e-5 * np.round(log.position / 1e-5)
+    read = np.gradient(position, log.dt)
+    for k in range(1, len(read)):
+        read[k] = read[k - 1] + (read[k] - read[k - 1]) / (1.0 + rows)
+    found = told(dataclasses.replace(log, position=position, velocity=read))
+    assert set(found) == ({"velocity_lag"} if cause else set())
+    if cause:
+        assert found["velocity_lag"].values["time_constant"][0] == pytest.approx(rows * log.dt, rel=0.06)
+
+
+def test_a_filter_of_another_form_is_no_error_of_the_scale():
+    """Two lags and a dead time take more off a ripple than one of them: no scale and no bias of a steady speed."""
+    log = turning()
+    ripple = 3.0 * np.sin(2.0 * np.pi * 50.0 * log.time)
+    position = log.position - 3.0 / (2.0 * np.pi * 50.0) * np.cos(2.0 * np.pi * 50.0 * log.time)
+    read = np.interp(log.time - 1e-3, log.time, log.velocity + ripple)
+    for _ in range(2):
+        for k in range(1, len(read)):
+            read[k] = read[k - 1] + (read[k] - read[k - 1]) / 2.0
+    (one,) = make_records([dataclasses.replace(log, position=position, velocity=read)], [], 0.01)
+    late, *others = material(sure_readings([one], 0.01))
+    assert late.effect in LATE
+    assert others == []
+
+
 @pytest.mark.parametrize("factor", [-1.0, 1.0 / 6.33, 57.3])
 def test_a_column_in_another_unit_is_not_fitted_and_its_factor_is_told(factor):
     """However short the log, and also where the drive derived the column from the encoder."""

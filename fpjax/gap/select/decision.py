@@ -12,6 +12,7 @@ from ..fit.search import Search
 from ..thresholds import THRESHOLDS
 from .detectability import blurs, resolved
 from .dominant import Curve
+from .late_place import late_elsewhere
 from .nominal_errors import wrong_numbers
 from .shares import Shares, lost_of, numbers_of, shares_of, without_effect
 from .simpler import ONE_FOR_MANY, simpler
@@ -157,6 +158,9 @@ def decide(
     if gap:
         chosen, found = _with_stribeck(search, exact, chosen, nominal)
         tried += found
+        chosen, found = late_elsewhere(search, exact, chosen)
+        tried += found
+        rivals = sorted((*rivals, *found), key=lambda one: -one.worth)
     plain = simpler(search, exact, chosen)
     if gap and plain is not chosen:
         plain, found = _with_stribeck(search, exact, plain, nominal)

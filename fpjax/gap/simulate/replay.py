@@ -186,9 +186,10 @@ def advance(
     # The guide's acceleration [rad/s^2], constant over the period.
     turning = guide.stiffness * (guide.angle[at] - guided_angle)
     # Beside an encoder the guide follows its rate, which is the true one; without, what the rate sensor's reading says
-    # of it, so that the guide is as firm whatever the sensor's scale.
+    # of it, so that the guide is as firm whatever the sensor's scale, and holds no model to a reading that is late.
     bias, scale = sensor_error(sensor, windows.integrated)
-    turning = turning + guide.damping * ((guide.speed[at] - bias) / scale - guided_rate)
+    ahead = windows.integrated * (sensor.lag + sensor.delay) * (guide.speed[at + 1] - guide.speed[at]) / tables.dt
+    turning = turning + guide.damping * ((guide.speed[at] + ahead - bias) / scale - guided_rate)
     faster, further = tables.dt * turning, half * tables.dt * turning
     # A mass that static friction holds has lost the last push to it: there is nothing of it to take off.
     remaining = carry.guided[0] - jnp.where(rests(following), carry.push, 0.0)
