@@ -3,14 +3,17 @@
 import dataclasses
 from types import SimpleNamespace
 
+import gap_search
 import numpy as np
+import numpy_machine
 import pytest
 from weighed_models import BOTH, NOMINAL, RATE_ONLY, weighed
 
-from fpjax.gap import EFFECTS, Estimate, Ranked
+from fpjax import diagnose
+from fpjax.gap import EFFECTS, Estimate, Ranked, Step
 from fpjax.gap.answer.assemble import _instead
 from fpjax.gap.answer.confusable import indistinguishable
-from fpjax.gap.answer.gap_size import steps_of
+from fpjax.gap.answer.gap_size import steps_of, with_readings
 from fpjax.gap.answer.ranking import share_alike, told_apart
 from fpjax.gap.effects.twins import Twin, exact_twins
 from fpjax.gap.select import simpler
@@ -303,3 +306,31 @@ def test_a_likelier_special_case_takes_the_place_of_what_contains_it(monkeypatch
         setting = SimpleNamespace(turning_load=0j)
         search = SimpleNamespace(effects=EFFECTS, records=[], setting=setting, fitted=lambda starts, fits=fits: fits)
         assert simpler.simpler(search, exact, chosen).structural == (told,)
+
+
+def test_an_error_of_the_reading_stands_in_its_place_and_takes_nothing():
+    gap = SimpleNamespace(before=9.0, before_interval=(8.0, 10.0))
+    steps = (Step("stribeck", 4.0, (3.0, 5.0)), Step("cogging", 1.0, (0.5, 1.5)))
+
+    def ladder(*causes):
+        return [(s.added, s.gap_after) for s in with_readings(steps, causes, ("velocity_lag",), gap)]
+
+    assert ladder("velocity_lag", "stribeck", "cogging") == [("velocity_lag", 9.0), ("stribeck", 4.0), ("cogging", 1.0)]
+    assert ladder("stribeck", "velocity_lag") == [("stribeck", 4.0), ("velocity_lag", 4.0), ("cogging", 1.0)]
+    assert ladder("stribeck") == [("stribeck", 4.0), ("cogging", 1.0)]
+
+
+@pytest.mark.long
+def test_a_wrong_number_before_an_effect_is_credited_with_its_own_step():
+    def cogs(time, velocity, position, command):
+        return 0.05 * np.sin(12.0 * position)
+
+    log = numpy_machine.record(numpy_machine.Machine(coulomb=0.6), extra=cogs)
+    found = diagnose(log, gap_search.MODEL)
+    assert found.causes == ("coulomb_error", "cogging")
+    first, second = found.steps
+    assert (first.added, second.added) == found.causes
+    # What is left of 0.2 N m of friction and 0.035 N m rms of cogging.
+    assert first.gap_after < 0.3 * found.gap.before
+    assert second.gap_after < 0.3 * first.gap_after
+    assert second.gap_after == found.gap.after

@@ -23,8 +23,7 @@ from .curves import Curves
 from .findings import Comparison, Ranked
 from .fitted_machine import machine_of, with_reading
 from .free_replay import free_replay
-from .gap import Step
-from .gap_size import rms_of, steps_of, withheld
+from .gap_size import rms_of, steps_of, with_readings, withheld
 from .intervals import identifiability, read_estimates
 from .judge import Read, judge
 from .learned import learn
@@ -88,8 +87,7 @@ def assemble(
     gapless = found.word == "no_gap" or (found.word == "explained" and not causes)
     gap = gap.unchanged() if gapless and wrong else gap
     steps = steps_of(search, decision, causes) if causes else ()
-    # Errors of the reading close no torque gap: their step repeats the gap after the causes.
-    steps = (*steps, *(Step(name, gap.after, gap.after_interval) for name in wrong))
+    steps = with_readings(steps, found.causes, wrong, gap)
     seen = {one.effect: read_estimates(one, search.setting.units) for one in known.readings if one.effect in wrong}
     ranking = rank(search, decision, found, gap, steps, seen, allowed, _instead((*read, *slight), allowed))
     written = decision.exact if gapless else chosen

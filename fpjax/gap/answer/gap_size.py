@@ -5,9 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...logs.arrays import Numbers, Values
-from ..fit.candidate import Fit
+from ..fit.candidate import NOMINAL, Fit, Start
 from ..fit.search import Search
 from ..select.decision import Decision
+from ..select.shares import without_effect
+from ..select.statement import is_number
 from .gap import Gap, Step
 
 DRAWS = 2000  # of the bootstrap: the 5 % quantile then rests on 100 draws
@@ -54,8 +56,10 @@ def steps_of(search: Search, decision: Decision, causes: Sequence[str]) -> tuple
     Args:
         search: of the logs.
         decision: its `path` holds the models between, each with one cause more.
-        causes: asserted causes of the machine.
+        causes: asserted causes of the machine, the most important first.
     """
+    if len(causes) > 1 and any(map(is_number, causes)):
+        return _steps_with_numbers(search, decision, causes)
     chosen = decision.chosen.fit
     steps: list[Step] = []
     last = decision.exact
@@ -68,12 +72,6 @@ def steps_of(search: Search, decision: Decision, causes: Sequence[str]) -> tuple
             added = [name for name in added if name in fit.candidate.structural]
         if not added:
             continue
-        numbers = [name for name in added if name not in fit.candidate.structural]
-        if fit is chosen and numbers and len(numbers) < len(added):
-            # Effects come before nominal numbers: one fit more, with the numbers as they were given, separates the two.
-            alone = search.refit(fit, ())
-            steps += [_step(name, withheld(search, alone)) for name in added if name not in numbers]
-            added = numbers
         steps += [_step(name, withheld(search, fit)) for name in added]
         last = fit
     if steps and last is not chosen:
@@ -81,6 +79,44 @@ def steps_of(search: Search, decision: Decision, causes: Sequence[str]) -> tuple
         details = [name for name in chosen.candidate.structural if name not in causes]
         steps += [_step(name, withheld(search, chosen)) for name in details]
     return tuple(steps)
+
+
+def _steps_with_numbers(search: Search, decision: Decision, causes: Sequence[str]) -> tuple[Step, ...]:
+    """The causes one by one, in their order, each number as it was given until it is its turn.
+
+    The models that were tried on the way have all numbers free, so that the first effect would be credited with them.
+    """
+    c = decision.chosen.fit.candidate
+    starts = []
+    for count in range(1, len(causes)):
+        rest = tuple(effect for effect in c.effects if effect.name in causes[:count])
+        numbers = tuple(name.removesuffix("_error") for name in causes[:count] if is_number(name))
+        values = c.values()
+        for effect in c.effects:
+            values = values if effect in rest else without_effect(values, effect, rest)
+        given = set(NOMINAL) - set(numbers)
+        starts.append(Start(rest, numbers, {k: v for k, v in values.items() if k not in given}, c))
+    fits = [*search.fitted(starts), decision.chosen.fit]
+    return tuple(_step(name, withheld(search, fit)) for name, fit in zip(causes, fits, strict=True))
+
+
+def with_readings(steps: Sequence[Step], causes: Sequence[str], readings: Sequence[str], gap: Gap) -> tuple[Step, ...]:
+    """The steps with those of the reading's errors, each behind as many causes as in the verdict.
+
+    They make no torque: what is missing after them is what was missing before.
+
+    Args:
+        steps: of the machine's causes, then of details.
+        causes: of the verdict.
+        readings: those of them that are errors of the reading.
+        gap: before the first step.
+    """
+    found = list(steps)
+    for place, name in enumerate(causes):
+        if name in readings:
+            left = found[place - 1] if place else Step("", gap.before, gap.before_interval)
+            found.insert(place, Step(name, left.gap_after, left.interval))
+    return tuple(found)
 
 
 def withheld(search: Search, fit: Fit) -> Values:
