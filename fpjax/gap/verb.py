@@ -214,7 +214,7 @@ def make_search(
         model: the nominal model.
         effects: the vocabulary.
         keep: the file that stores fits; None to store none.
-        again: whether the file holds fits of the same logs already, before a column of them was moved.
+        again: whether the file holds fits of the same logs already, before a column of them was corrected.
 
     Raises:
         InputError: for logs that are too short, or differ in period or columns.

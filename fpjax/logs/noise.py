@@ -18,6 +18,7 @@ OFF_GRID = 0.05  # of a step: by so much text of few digits and single precision
 FEW = 8  # [levels]: with fewer, the readings must go through them one by one, or they are the levels of a command
 ONE_MOVE = 0.995  # share of the moves: a ramp moves by one amount only
 HELD = 0.1  # share of the readings that must be repeated for them to show the grid of a resampled column
+SCATTERS = 1e-3  # of the standard deviation of a step's rounding, that the noise by differences is at least
 SHORTEST = 8  # [samples]
 PIECE = 50  # [samples] over which the noise is taken to be constant
 RESTING = 1e-9  # of the largest piece's noise: below it a piece is one reading with the rounding of the arithmetic
@@ -98,7 +99,9 @@ def step_of_repeated(column: Values) -> float:
     if kept.size < HELD * values.size:
         return 0.0
     levels = _distinct(kept, equal)
-    return _grid(levels) * size if levels.size >= FEW else 0.0
+    step = _grid(levels) * size if levels.size >= FEW else 0.0
+    # The levels of a command that a drive settles at, or of an indexing table, are no rounding: readings scatter by it.
+    return step if noise_level(column, 0.0) > SCATTERS * step / np.sqrt(12.0) else 0.0
 
 
 def _distinct(readings: Values, equal: float) -> Values:
@@ -185,19 +188,21 @@ def noise_level(column: Values, step: float | None = None) -> float:
     if size == 0.0 or values.size < SHORTEST:
         return float(max((step or 0.0) / np.sqrt(12.0), np.finfo(np.float64).tiny))
     step = rounding_step(column) if step is None else step
-    fourth = np.diff(even_pieces(values), 4, axis=1) / FOURTH
+    parts = even_pieces(values)
+    fourth = np.diff(parts, 4, axis=1) / FOURTH
+    # Where a drive repeats most of its readings, five equal ones tell nothing of the noise.
+    same = np.abs(np.diff(parts, axis=1)) <= 4.0 * np.finfo(np.float64).eps
+    alike = same[:, :-3] & same[:, 1:-2] & same[:, 2:-1] & same[:, 3:]
     length = min(PIECE, fourth.shape[1])
-    whole = fourth[:, : fourth.shape[1] // length * length].reshape(-1, length)
+    whole, held = (each[:, : fourth.shape[1] // length * length].reshape(-1, length) for each in (fourth, alike))
     pieces = np.sqrt(np.mean(whole**2, axis=1))
     moving = pieces > RESTING * np.max(pieces)
     if np.any(moving) and not np.median(moving):
         # A machine that mostly rests shows its reading's noise where it moves: at rest a rounded reading has none.
-        pieces, fourth = pieces[moving], whole[moving]
+        pieces, fourth, alike = pieces[moving], whole[moving], held[moving]
     level = float(np.median(pieces))
-    # Likewise of single readings: where a drive repeats most of them, a repeated one tells nothing of the noise.
-    changed = np.abs(fourth) > RESTING * np.max(np.abs(fourth))
-    if np.any(changed) and not np.median(changed):
-        fourth = fourth[changed]
+    if np.median(alike) and not np.all(alike):
+        fourth = fourth[~alike]
     # 1.4826 times the median absolute deviation is the standard deviation of Gaussian noise, and ignores outliers.
     # The smaller of the two estimates is taken: what motion leaves in the differences only adds to either.
     spread = float(1.4826 * np.median(np.abs(fourth - np.median(fourth))))

@@ -71,8 +71,20 @@ def test_without_a_rate_of_its_own_nothing_is_said():
     assert encoder_errors(dataclasses.replace(read, position=None), J) == ()
     derived = np.gradient(read.position, read.dt)
     assert encoder_errors(dataclasses.replace(read, velocity=derived), J) == ()
-    assert encoder_errors(dataclasses.replace(read, position=np.zeros_like(read.position)), J) == ()
+    for column in ("position", "velocity"):
+        assert encoder_errors(dataclasses.replace(read, **{column: np.zeros(len(read.time))}), J) == ()
     assert encoder_errors(recorded(), J) == ()
+
+
+def test_a_sine_that_is_not_there_in_all_of_a_long_log_is_left_alone(monkeypatch):
+    """Found where the machine travels most; the rest would be made worse by it."""
+    monkeypatch.setattr("fpjax.gap.data.encoder_error.MOST", 4000)
+    log = recorded()
+    read = misread(log, ERROR)
+    assert encoder_errors(read, J)
+    other = misread(log, EncoderError(ERROR.periods, -ERROR.sine, -ERROR.cosine))
+    half = np.arange(len(log.time)) < 4000
+    assert encoder_errors(dataclasses.replace(read, position=np.where(half, read.position, other.position)), J) == ()
 
 
 def test_what_was_done_is_said_in_the_units_of_the_axis():

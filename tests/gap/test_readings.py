@@ -129,6 +129,33 @@ def test_a_filter_of_another_form_is_no_error_of_the_scale():
     assert others == []
 
 
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("scale", [1.0, 1.05])
+def test_the_scale_of_a_late_velocity_is_told_from_a_sine_of_one_frequency(scale, seed):
+    """Averages over whole periods of it tell nothing of a scale."""
+    rng, time, turning = np.random.default_rng(seed), 1e-3 * np.arange(20_000), 2.0 * np.pi / 0.32
+    lag = 5e-3
+    position = -5.0 / turning * np.cos(turning * time) + 1e-6 * rng.standard_normal(time.size)
+    late = (np.sin(turning * time) - turning * lag * np.cos(turning * time)) / (1.0 + (turning * lag) ** 2)
+    velocity = scale * 5.0 * late + 1e-4 * rng.standard_normal(time.size)
+    found = told(Log(time, np.sign(velocity), velocity, position, None, 1e-3, "one sine"))
+    assert found["velocity_lag"].values["time_constant"][0] == pytest.approx(lag, rel=0.02)
+    value, deviation, _ = found["velocity_scale_error"].values["scale"]
+    assert value == pytest.approx(scale, abs=1e-3)
+    assert deviation < 5e-3
+
+
+def test_of_a_velocity_later_than_all_that_is_tried_it_is_not_known_how_late():
+    log = turning(noise=0.0)
+    position = 1e-5 * np.round(log.position / 1e-5)
+    read = np.gradient(position, log.dt)
+    for k in range(1, len(read)):
+        read[k] = read[k - 1] + (read[k] - read[k - 1]) / 201.0
+    found = told(dataclasses.replace(log, position=position, velocity=read))
+    value, deviation, _ = found["velocity_lag"].values["time_constant"]
+    assert abs(value - 0.2) < deviation
+
+
 @pytest.mark.parametrize("factor", [-1.0, 1.0 / 6.33, 57.3])
 def test_a_column_in_another_unit_is_not_fitted_and_its_factor_is_told(factor):
     """However short the log, and also where the drive derived the column from the encoder."""

@@ -189,6 +189,12 @@ def test_the_grid_of_a_resampled_column_is_seen_in_its_repeated_readings():
     rng = np.random.default_rng(1)
     assert step_of_repeated(rng.normal(size=2000)) == 0.0
     assert step_of_repeated(np.repeat(rng.normal(size=200), 10)) == 0.0  # a command of any height that is held
+    # What a drive settles at: no readings scatter by these steps, however many of them are repeated.
+    speed = np.zeros(1)
+    for level in 0.5 * np.concatenate([np.arange(-10, 11), np.arange(10, -11, -1)]):
+        ramp = speed[-1] + (level - speed[-1]) * (1.0 - np.exp(-np.arange(1.0, 151.0) / 20.0))
+        speed = np.concatenate([speed, ramp, np.full(150, ramp[-1] if level == speed[-1] else level)])
+    assert step_of_repeated(speed) == 0.0
 
 
 def test_repeated_readings_do_not_hide_the_noise():
@@ -196,3 +202,5 @@ def test_repeated_readings_do_not_hide_the_noise():
     rng = np.random.default_rng(2)
     jumps = np.where(rng.random(20_000) < 0.1, rng.normal(size=20_000), 0.0)
     assert noise_level(jumps + 1e-16 * rng.normal(size=20_000)) > 0.05
+    spikes = np.where(rng.random(10_000) < 0.01, 1.0, 0.0)
+    assert noise_level(SWING + spikes) < 1e-6  # a smooth motion repeats nothing, whatever is beside it

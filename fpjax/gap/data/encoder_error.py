@@ -21,12 +21,12 @@ from ...logs.noise import is_derived
 from .channel import Channel, make_channel
 from .late_reading import Comparison, as_late, compared, lowest
 
-MOST = 200_000  # samples that are compared
+MOST = 200_000  # samples in which a sine is looked for: of a longer log those that travel most
 BINS = 2**21  # of the position, at most
 TONES = 6  # sines, at most
 FEWEST = 3  # periods within the travel
-# The strongest sine's power over the median of its neighbours': noise alone makes 20 with a million of them, a lag of
-# the reading that is not quite met up to 120, which takes a fiftieth of what the two part by.
+# The strongest sine's power over the median of its neighbours': noise alone makes 20 with a million of them. On 24
+# opened logs whose rate lags behind a machine that cogs it was up to 120, of a sine that took 0.02 of the energy.
 STANDS_OUT, NEIGHBOURS = 60.0, 256
 TAKES = 0.03  # of the energy of what the two part by
 OWN = 0.5  # of the motion's own sine, which a lag that is not quite met would leave a part of
@@ -67,14 +67,15 @@ def encoder_errors(log: Log, inertia: float) -> tuple[EncoderError, ...]:
     """
     if log.velocity is None or log.position is None:
         return ()
-    rate, angle, dt = np.asarray(log.velocity, float)[:MOST], np.asarray(log.position, float)[:MOST], float(log.dt)
-    if np.ptp(angle) == 0.0 or is_derived(rate, angle) or in_another_unit(rate, angle, dt):
+    dt, part = float(log.dt), _liveliest(np.asarray(log.position, float))
+    rate, angle = np.asarray(log.velocity, float)[part], np.asarray(log.position, float)[part]
+    if 0.0 in (np.ptp(angle), np.ptp(rate)) or is_derived(rate, angle) or in_another_unit(rate, angle, dt):
         return ()
     position = make_channel(angle)
     apart = _Apart.of(rate, position, angle, dt)
     if apart is None:
         return ()
-    effort = float(np.sqrt(np.mean(np.square(log.torque[:MOST]))))
+    effort = float(np.sqrt(np.mean(np.square(log.torque[part]))))
     torque = inertia * float(np.sqrt(np.mean(rate**4)))  # of a sine, per rad and squared period
     found: list[EncoderError] = []
     left = apart.left
@@ -89,19 +90,47 @@ def encoder_errors(log: Log, inertia: float) -> tuple[EncoderError, ...]:
         if slight or np.mean(left**2) > (1.0 - TAKES) * np.mean(apart.without(found) ** 2):
             break
         found = nearer
+    if not found or not _holds_everywhere(log, found, apart):
+        return ()
     return tuple(sorted(found, key=lambda one: -one.amplitude * one.periods**2))
+
+
+def _liveliest(angle: Values) -> slice:
+    """The samples that are looked at: all, or of a long log the part that travels most."""
+    starts = range(0, max(len(angle) - MOST, 0) + 1, MOST)
+    first = max(starts, key=lambda start: float(np.ptp(angle[start : start + MOST])))
+    return slice(first, first + MOST)
+
+
+def _holds_everywhere(log: Log, errors: Sequence["EncoderError"], apart: "_Apart") -> bool:
+    """Whether some errors bring encoder and rate together in every part of a log, and not only where they were found.
+
+    Periods that are a little off go out of step far from there.
+    """
+    assert log.velocity is not None
+    rate, read = np.asarray(log.velocity, float), np.asarray(log.position, float)
+    for start in range(0, len(read) - 2 * apart.half, MOST):
+        part = slice(start, start + MOST)
+        moved = apart.quick(travel(rate[part], apart.dt))
+        before, after = (
+            float(np.mean((apart.quick(apart.as_read(each)) - moved) ** 2))
+            for each in (read[part], _true(read[part], errors))
+        )
+        if after > before:
+            return False
+    return True
 
 
 @dataclass(frozen=True)
 class _Apart:
-    """What the encoder and the integral of the rate part by, without what is slower than both tell.
+    """What the encoder and the integral of the rate part by, less its average over the samples around.
 
     Attributes:
         angle: the encoder's, without what was found so far, shape (samples,).
         left: what they part by [rad], shape (samples,).
         moved: the integral of the rate, likewise [rad].
         both: the comparison of the two, with how late the rate is.
-        half: samples on either side that an average is taken over, which is taken off.
+        half: samples on either side that the average is taken over.
         dt: control period [s].
     """
 
@@ -120,7 +149,8 @@ class _Apart:
             return None
         # The integral of white noise wanders: after so many samples by as much as the encoder's own noise.
         noise = make_channel(rate).noise * dt
-        half = int(np.clip((position.noise / max(noise, 1e-300)) ** 2, 16, max(SLOWEST / dt, 16)))
+        most = max(SLOWEST / dt, 16.0)
+        half = max(int(min(position.noise / max(noise, 1e-300), np.sqrt(most)) ** 2), 16)
         empty = np.zeros(0)
         bare = _Apart(angle, empty, empty, both, half, dt)
         moved = bare.quick(travel(rate, dt))
@@ -143,7 +173,7 @@ class _Apart:
     def strongest(self, left: Values) -> float:
         """Periods of the strongest sine of the position in what is left; 0 where none stands out."""
         reach = float(np.ptp(self.angle))
-        # A sine that passes within four samples, or within four steps of the encoder, is none to tell.
+        # A sine that passes within four samples of the usual speed is none to tell.
         fastest = 0.5 * np.pi / float(np.sqrt(np.mean(np.diff(self.angle) ** 2)))
         bins = int(min(2.0 ** np.ceil(np.log2(max(4.0 * reach * fastest / np.pi, 16.0))), BINS))
         periods = np.pi / reach * np.arange(bins + 1)
@@ -196,7 +226,7 @@ def without_errors(log: Log, errors: Sequence[EncoderError]) -> Log:
 
 
 def _true(read: Values, errors: Sequence[EncoderError]) -> Values:
-    """The position [rad] that is read with some errors, which are those there: far less than a period beside it."""
+    """The position [rad] of which an encoder with some errors, small beside their periods, makes a reading."""
     position = read
     for _ in range(3):
         position = read - sum((one.at(position) for one in errors), np.zeros(1))

@@ -18,8 +18,8 @@ QUIET = 0.02  # noise of the encoder's rate, of its rms, that a wider differenti
 BESIDE = 0.1  # of the least mean square that a lag or a delay leaves, likewise
 FEWEST = 60  # independent samples that a comparison needs
 LATEST = (30.0, 120.0)  # periods: the longest lag or delay that is tried, and where the longest is the best
-SLOWLY = 8.0, 64.0  # times of a lag, over which averages hardly depend on its form: at least, and where many are left
-AVERAGES = 40  # that are many
+SLOWLY = 8.0  # times of a lag that an average is taken over at least
+AVERAGES, FEWEST_AVERAGES = 40, 10  # that at least shall fit into a log, and that must
 GRID = 121  # lags and delays that are tried
 
 
@@ -62,26 +62,59 @@ class Comparison:
         """What makes the reading late, the likelier one first."""
         return sorted(self.lines, key=lambda key: float(np.min(self.errors(key))))
 
+    @property
+    def open_ended(self) -> bool:
+        """Whether the reading is later than all that was tried."""
+        return int(np.argmin(self.errors(self.ranked[0]))) == len(self.late) - 1
+
     def errors(self, key: str) -> Values:
         """Mean square left for each of `late`, shape (GRID,)."""
         return np.array([line.left for line in self.lines[key]])
 
-    def slowly(self, rate: Values, time: float, dt: float) -> tuple[Line, int, float]:
-        """The line from a rate to the reading in averages over many times of a lag [s]: its form hardly counts there.
+    def slowly(self, rate: Values, time: float, dt: float) -> "Slow | None":
+        """Scale and bias from averages over many times of a lag [s]; None where too few of them fit.
 
-        A filter of another form than a lag or a delay takes more off the fast part of a motion: no scale.
-
-        Returns:
-            (the line, number of averages, their standard deviation [rad/s]).
+        A filter of another form than a lag or a delay takes more off the fast part of a motion, which is no scale: the
+        averages are as long as tells most of the scale, and what half as long ones tell otherwise counts as unknown.
         """
         count = len(rate[self.inside])
-        least, most = (max(self.width, math.ceil(times * time / dt)) for times in SLOWLY)
-        length = min(max(least, count // AVERAGES), most)
-        number = count // length
-        if number == 0:
-            return Line(1.0, 0.0, 0.0), 0, 0.0
-        x, y = (np.mean(each[self.inside][: number * length].reshape(number, -1), 1) for each in (rate, self.read))
-        return _line(x, y), number, float(np.std(x))
+        length = max(self.width, min(math.ceil(SLOWLY * time / dt), count // AVERAGES))
+        tried = []
+        while length <= count // FEWEST_AVERAGES:
+            x, y = (_averages(each[self.inside], length) for each in (rate, self.read))
+            tried.append((float(np.std(x)) * math.sqrt(len(x)), length))
+            length *= 2
+        if not tried:
+            return None
+        length = max(tried)[1]
+        lines, known = [], []
+        for each in (length, max(length // 2, 1)):
+            x, y = (_averages(values[self.inside], each) for values in (rate, self.read))
+            lines.append(_line(x, y))
+            spread = math.sqrt(lines[-1].left / len(x))
+            known.append((spread / max(float(np.std(x)), 1e-300), spread))
+        line, shorter = lines
+        return Slow(
+            line.scale,
+            line.bias,
+            float(np.hypot(known[0][0], line.scale - shorter.scale)),
+            float(np.hypot(known[0][1], line.bias - shorter.bias)),
+        )
+
+
+@dataclass(frozen=True)
+class Slow:
+    """Scale [1] and bias [rad/s] of a velocity column, and their standard deviations."""
+
+    scale: float
+    bias: float
+    scale_deviation: float
+    bias_deviation: float
+
+
+def _averages(values: Values, length: int) -> Values:
+    number = len(values) // length
+    return np.mean(values[: number * length].reshape(number, length), axis=1)
 
 
 def compared(velocity: Values, position: Channel, rms: float, dt: float) -> Comparison | None:
@@ -96,7 +129,7 @@ def compared(velocity: Values, position: Channel, rms: float, dt: float) -> Comp
     found = None
     for latest in LATEST:
         found = _compared(velocity, position, rms, dt, latest) or found
-        if found is None or int(np.argmin(found.errors(found.ranked[0]))) < GRID - 1:
+        if found is None or not found.open_ended:
             break
     return found
 

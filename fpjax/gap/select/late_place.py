@@ -44,4 +44,4 @@ def late_elsewhere(search: Search, exact: Exact, chosen: Weighed) -> tuple[Weigh
     best = max(found, key=lambda one: one.evidence, default=chosen)
     if best.evidence - chosen.evidence <= THRESHOLDS.decisive:
         return chosen, found
-    return settled(search, exact, best), [chosen, *found]
+    return settled(search, exact, best), [chosen, *(one for one in found if one is not best)]

@@ -114,7 +114,7 @@ def least_missing(searches: Mapping[float, Search], chosen: Fit | None) -> float
     """The key of the search in whose logs the chosen causes, or none, leave the least torque missing.
 
     Args:
-        searches: of the same logs, with the torque as it may have acted.
+        searches: of the same logs, with a column as it may have been.
         chosen: the causes' fit to the logs as recorded; None before any was chosen.
     """
     starts = [Start((), NOMINAL, {})]

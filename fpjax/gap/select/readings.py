@@ -90,6 +90,8 @@ def readings(record: Record, inertia: float) -> list[Reading]:
     key = "time_constant" if name == LAG else "delay"
     # Read off a parabola through three values of the grid: no better known than its rounding, whatever the noise.
     deviation = float(np.hypot(spread / max(slope, 1e-300), (both.late[1] - both.late[0]) / np.sqrt(12.0)))
+    if both.open_ended:
+        deviation = time  # later than all that was tried: next to nothing is known of how much
 
     def made(name: str, values: dict[str, tuple[float, float, str]], change: Values, gained: float) -> Reading:
         rms = float(np.sqrt(np.mean(change[inside] ** 2)))
@@ -99,17 +101,16 @@ def readings(record: Record, inertia: float) -> list[Reading]:
     found.append(replace(first, rival=other, sure=sure))
     if derived:
         return found
-    line, averages, moved = both.slowly(shape, time, dt)
-    if averages < FEW:
+    slow = both.slowly(shape, time, dt)
+    if slow is None:
         return found
-    scale, bias, spread = line.scale, line.bias, float(np.sqrt(line.left / averages))
-    deviation = spread / max(moved, 1e-300)
     # What a scale of exactly 1 would cost: half of its squared distance in standard deviations.
-    gained = 0.5 * ((scale - 1.0) / max(deviation, 1e-12)) ** 2
-    change = (scale - 1.0) * shape
-    found.append(made("velocity_scale_error", {"scale": (scale, deviation, "1")}, change, gained))
-    gained = 0.5 * (bias / max(spread, 1e-300)) ** 2
-    found.append(Reading("velocity_bias", {"bias": (bias, spread, "rad/s")}, abs(bias) / size, 0.0, float(gained)))
+    gained = 0.5 * ((slow.scale - 1.0) / max(slow.scale_deviation, 1e-12)) ** 2
+    values = {"scale": (slow.scale, slow.scale_deviation, "1")}
+    found.append(made("velocity_scale_error", values, (slow.scale - 1.0) * shape, gained))
+    gained = 0.5 * (slow.bias / max(slow.bias_deviation, 1e-300)) ** 2
+    values = {"bias": (slow.bias, slow.bias_deviation, "rad/s")}
+    found.append(Reading("velocity_bias", values, abs(slow.bias) / size, 0.0, float(gained)))
     return sorted(found, key=lambda reading: -reading.size)
 
 

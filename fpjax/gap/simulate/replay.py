@@ -188,8 +188,12 @@ def advance(
     # Beside an encoder the guide follows its rate, which is the true one; without, what the rate sensor's reading says
     # of it, so that the guide is as firm whatever the sensor's scale, and holds no model to a reading that is late.
     bias, scale = sensor_error(sensor, windows.integrated)
-    ahead = windows.integrated * (sensor.lag + sensor.delay) * (guide.speed[at + 1] - guide.speed[at]) / tables.dt
-    turning = turning + guide.damping * ((guide.speed[at] + ahead - bias) / scale - guided_rate)
+    behind_by = windows.integrated * sensor.delay / tables.dt
+    whole = jax.lax.stop_gradient(jnp.floor(behind_by))
+    first = at + whole.astype(at.dtype)
+    slope = guide.speed[first + 1] - guide.speed[first]
+    reading = guide.speed[first] + (behind_by - whole + windows.integrated * sensor.lag / tables.dt) * slope
+    turning = turning + guide.damping * ((reading - bias) / scale - guided_rate)
     faster, further = tables.dt * turning, half * tables.dt * turning
     # A mass that static friction holds has lost the last push to it: there is nothing of it to take off.
     remaining = carry.guided[0] - jnp.where(rests(following), carry.push, 0.0)

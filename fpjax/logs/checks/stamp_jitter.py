@@ -34,10 +34,16 @@ def stamp_jitter(velocity: np.ndarray, position: np.ndarray, dt: float) -> float
     mismatch = np.diff(position) / dt - 0.5 * (velocity[1:] + velocity[:-1])
     rough = np.diff(mismatch, n=2)
     speed = np.abs(velocity[1:-2])
+    # A position that wraps at a turn jumps by most of its range.
+    wraps = np.abs(np.diff(position)) > 0.5 * np.ptp(position)
+    whole = ~(wraps[:-2] | wraps[1:-1] | wraps[2:])
+    rough, speed = rough[whole], speed[whole]
+    if speed.size < LEAST // 2:
+        return None
     order = np.argsort(speed)
     classes = np.array_split(order, CLASSES)
-    # The variance in each class from the median of the squares, which ignores single jumps (a position that wraps at a
-    # turn). The median of chi-squared with one degree of freedom is 0.455.
+    # The variance in each class from the median of the squares, which ignores single jumps. The median of chi-squared
+    # with one degree of freedom is 0.455.
     scatter = np.array([np.median(rough[each] ** 2) / 0.455 for each in classes])
     scatter = np.maximum(scatter, 20.0 * rounding_step(position) ** 2 / 12.0 / dt**2)
     square = np.array([np.mean(speed[each] ** 2) for each in classes])

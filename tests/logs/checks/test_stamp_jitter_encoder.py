@@ -33,3 +33,16 @@ def test_a_jitter_above_the_encoders_steps_is_found_with_its_size(rest: float, c
     found = stamp_jitter(*_log(rest, counts, jitter), DT)
     assert found is not None
     assert abs(found / jitter - 1.0) < 0.1
+
+
+def test_a_position_that_wraps_at_a_turn_is_not_jittered_more_than_one_that_does_not() -> None:
+    rng = np.random.default_rng(1)
+    time = DT * np.arange(20_000)
+    late = time + 2e-5 * rng.normal(size=time.size)
+    velocity = 60.0 + 40.0 * np.sin(2.0 * np.pi * 0.2 * time)
+    position = 60.0 * late - 40.0 / (2.0 * np.pi * 0.2) * np.cos(2.0 * np.pi * 0.2 * late)
+    whole, wrapped = (stamp_jitter(velocity, each, DT) for each in (position, position % (2.0 * np.pi)))
+    assert whole is not None
+    assert wrapped is not None
+    assert abs(whole / 2e-5 - 1.0) < 0.1
+    assert abs(wrapped / whole - 1.0) < 0.05
