@@ -17,8 +17,6 @@ ON_LATTICE = 0.97  # share of the levels that must lie on the grid: a clipped en
 OFF_GRID = 0.05  # of a step: by so much text of few digits and single precision displace a reading
 FEW = 8  # [levels]: with fewer, the readings must go through them one by one, or they are the levels of a command
 ONE_MOVE = 0.995  # share of the moves: a ramp moves by one amount only
-HELD = 0.1  # share of the readings that must be repeated for them to show the grid of a resampled column
-SCATTERS = 1e-3  # of the standard deviation of a step's rounding, that the noise by differences is at least
 SHORTEST = 8  # [samples]
 PIECE = 50  # [samples] over which the noise is taken to be constant
 RESTING = 1e-9  # of the largest piece's noise: below it a piece is one reading with the rounding of the arithmetic
@@ -80,28 +78,6 @@ def rounding_step(column: Values) -> float:
     if levels.size < FEW and times[sizes == 1.0].sum() < 0.9 * times[moving].sum():
         return 0.0
     return step * size
-
-
-def step_of_repeated(column: Values) -> float:
-    """The step that a column was rounded to before it was resampled, in the column's unit; 0.0 where none is seen.
-
-    Resampled readings on the way from one level to the next lie between them; those of a level that lasted are on the
-    grid still.
-
-    Args:
-        column: readings, any unit, finite, shape (samples,).
-    """
-    values, size = _scaled(column)
-    if size == 0.0 or values.size < SHORTEST:
-        return 0.0
-    equal = 4.0 * np.finfo(np.float64).eps
-    kept = np.concatenate([block[1:][np.abs(np.diff(block)) <= equal] for block in even_pieces(values)])
-    if kept.size < HELD * values.size:
-        return 0.0
-    levels = _distinct(kept, equal)
-    step = _grid(levels) * size if levels.size >= FEW else 0.0
-    # The levels of a command that a drive settles at, or of an indexing table, are no rounding: readings scatter by it.
-    return step if noise_level(column, 0.0) > SCATTERS * step / np.sqrt(12.0) else 0.0
 
 
 def _distinct(readings: Values, equal: float) -> Values:

@@ -7,7 +7,6 @@ from fpjax.logs.noise import (
     is_derived,
     noise_level,
     rounding_step,
-    step_of_repeated,
     velocity_origin,
 )
 
@@ -164,37 +163,6 @@ def test_a_machine_that_mostly_rests_has_the_noise_of_its_reading_where_it_moves
     polled = np.interp(time + 2e-4 * np.sin(9.0 * time), time, read)  # resampled: between two readings, on no grid
     polled[time > 4.1] = read[-1]
     assert step / np.sqrt(12.0) / 3.0 < noise_level(polled) < step
-
-
-def _resampled(seed=0):
-    """A slow reading of 12 bits at jittered stamps, put onto a uniform grid by a cubic through its rows."""
-    rng = np.random.default_rng(seed)
-    time = np.cumsum(1e-3 * rng.uniform(0.7, 1.3, 6000))
-    step = 2.0 * np.pi / 4096
-    read = step * np.round(0.3 * np.sin(time) / step)
-    even = np.arange(time[2], time[-3], 1e-3)
-    place = np.clip(np.searchsorted(time, even) - 2, 0, time.size - 4)
-    found = np.zeros(even.size)
-    for one in range(4):  # Lagrange's polynomial through the four rows around each instant
-        others = [place + k for k in range(4) if k != one]
-        weight = np.prod([(even - time[k]) / (time[place + one] - time[k]) for k in others], axis=0)
-        found += weight * read[place + one]
-    return step, np.where(np.ptp([read[place + k] for k in range(4)], axis=0) == 0.0, read[place], found)
-
-
-def test_the_grid_of_a_resampled_column_is_seen_in_its_repeated_readings():
-    step, column = _resampled()
-    assert rounding_step(column) == 0.0
-    assert step_of_repeated(column) == pytest.approx(step, rel=1e-6)
-    rng = np.random.default_rng(1)
-    assert step_of_repeated(rng.normal(size=2000)) == 0.0
-    assert step_of_repeated(np.repeat(rng.normal(size=200), 10)) == 0.0  # a command of any height that is held
-    # What a drive settles at: no readings scatter by these steps, however many of them are repeated.
-    speed = np.zeros(1)
-    for level in 0.5 * np.concatenate([np.arange(-10, 11), np.arange(10, -11, -1)]):
-        ramp = speed[-1] + (level - speed[-1]) * (1.0 - np.exp(-np.arange(1.0, 151.0) / 20.0))
-        speed = np.concatenate([speed, ramp, np.full(150, ramp[-1] if level == speed[-1] else level)])
-    assert step_of_repeated(speed) == 0.0
 
 
 def test_repeated_readings_do_not_hide_the_noise():

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int, Num
 
 from ...logs.arrays import Values
-from ...logs.noise import noise_level, rounding_step, step_of_repeated
+from ...logs.noise import noise_level, rounding_step
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Channel:
 def make_channel(values: Num[Values, " samples"]) -> Channel:
     """A channel of a column of shape (samples,), its noise and its rounding estimated from it."""
     values = np.asarray(values, float)
-    step = rounding_step(values) or step_of_repeated(values)
+    step = rounding_step(values)
     return Channel(values, noise_level(values, step), step)
 
 
