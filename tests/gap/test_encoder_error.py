@@ -87,6 +87,17 @@ def test_a_sine_that_is_not_there_in_all_of_a_long_log_is_left_alone(monkeypatch
     assert encoder_errors(dataclasses.replace(read, position=np.where(half, read.position, other.position)), J) == ()
 
 
+def test_rest_behind_the_motion_of_a_long_log_takes_no_sine_away(monkeypatch):
+    monkeypatch.setattr("fpjax.gap.data.encoder_error.MOST", 4000)
+    log = recorded(seconds=4.0)
+    read = misread(log, ERROR)
+    count = len(log.time)
+    rests = {"time": log.dt * np.arange(3 * count), "torque": np.pad(log.torque, (0, 2 * count))}
+    rests |= {"position": np.pad(read.position, (0, 2 * count), mode="edge"), "reference": None}
+    (found,) = encoder_errors(dataclasses.replace(log, velocity=np.pad(log.velocity, (0, 2 * count)), **rests), J)
+    assert found.amplitude == pytest.approx(ERROR.amplitude, rel=0.1)
+
+
 def test_what_was_done_is_said_in_the_units_of_the_axis():
     log = recorded()
     assert "0.0005 rad (40 periods a turn)" in about_errors(log, [ERROR])

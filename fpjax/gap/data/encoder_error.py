@@ -30,7 +30,9 @@ FEWEST = 3  # periods within the travel
 STANDS_OUT, NEIGHBOURS = 60.0, 256
 TAKES = 0.03  # of the energy of what the two part by
 OWN = 0.5  # of the motion's own sine, which a lag that is not quite met would leave a part of
+ROUNDED = 1e-3  # by which the two may part more where the machine rests and there is nothing to correct
 MATTERS = 0.01  # torque that it looks like, of the commanded torque's rms
+STEEPEST = 0.5  # of the error against the position [1]: one that turns the reading back is no encoder's
 SLOWEST = 0.3  # longest time over which the two are compared [s]
 
 
@@ -87,7 +89,8 @@ def encoder_errors(log: Log, inertia: float) -> tuple[EncoderError, ...]:
             nearer = apart.fitted([*(one.periods for one in found), periods])
         left = apart.without(nearer)
         slight = torque * nearer[-1].amplitude * periods**2 < MATTERS * effort
-        if slight or np.mean(left**2) > (1.0 - TAKES) * np.mean(apart.without(found) ** 2):
+        steep = nearer[-1].amplitude * periods > STEEPEST
+        if slight or steep or np.mean(left**2) > (1.0 - TAKES) * np.mean(apart.without(found) ** 2):
             break
         found = nearer
     if not found or not _holds_everywhere(log, found, apart):
@@ -116,7 +119,7 @@ def _holds_everywhere(log: Log, errors: Sequence["EncoderError"], apart: "_Apart
             float(np.mean((apart.quick(apart.as_read(each)) - moved) ** 2))
             for each in (read[part], _true(read[part], errors))
         )
-        if after > before:
+        if after > (1.0 + ROUNDED) * before:
             return False
     return True
 
