@@ -99,6 +99,14 @@ class Thresholds:
             of it any curvature of the friction is one. Set on two opened records of one motor between 0.6 and 1 of its
             top speed, where 0.23 and 0.25 act.
         swallowed: of the largest commanded torque [1], the widest dead zone of an actuator.
+        sine_stands_out: power of the strongest sine of the position by which encoder and rate part, over the median of
+            its neighbours' [1], from which on the encoder misreads by it: noise alone makes 20 with a million of them.
+            This and the next two set on the open half of the eleventh generator, where 11 sines that are there have 149
+            and more, and on seeds 308 to 316, where lags that are not quite met leave up to 120.
+        sine_takes: likewise, share [1] of the energy of what the two part by: 0.1 and more there, up to 0.02 here.
+        sine_own: likewise, of the motion's own sine [1]: of that a lag that is not quite met leaves a smaller part.
+        derived_late: periods [1] that a drive's own derivative of its encoder may be late and no error: of 24 opened
+            logs (seed 308) the latest is 4.6.
         reading: error of the velocity reading, of the speed's rms [1], from which on it is told.
         wrong_number: log prior odds that one nominal number is wrong [1], and that a wrong one is wild and no guess.
         wild: error [1] of a nominal friction number, of its size, beyond which it is no guess, and may stand for an
@@ -188,6 +196,10 @@ class Thresholds:
     clearance: float = 2.0
     tail: float = 1.0 / 3.0
     swallowed: float = 0.5
+    sine_stands_out: float = 60.0
+    sine_takes: float = 0.03
+    sine_own: float = 0.5
+    derived_late: float = 6.0
     reading: float = 0.01
     wrong_number: float = -1.0
     wild: float = 0.3

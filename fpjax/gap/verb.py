@@ -147,9 +147,9 @@ def _diagnose(
             # A rate sensor that ripples with the position parts from the encoder likewise: what leaves less is right.
             mended = [without_errors(log, errors) for log, errors in zip(everything, misread, strict=True)]
             parts = mended[: len(logs)], mended[len(logs) :]
-            searches = {0.0: search, 1.0: make_search(*parts, model, effects, keep, again=True)}
-            if least_missing(searches, None) == 1.0:
-                search, (logs, withheld) = searches[1.0], parts
+            corrected = make_search(*parts, model, effects, keep, again=True)
+            if least_missing({"recorded": search, "corrected": corrected}, None) == "corrected":
+                search, (logs, withheld) = corrected, parts
                 warnings += [about_errors(log, e) for log, e in zip(everything, misread, strict=True) if e]
         warnings += about_stretches(search.records)
         if doubts and search.records[0].velocity is None:

@@ -8,6 +8,7 @@ is taken out of the position's column before anything is fitted.
 """
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -18,6 +19,7 @@ from ...logs.arrays import Values
 from ...logs.checks.agreement import in_another_unit
 from ...logs.dynamics.derivative import travel
 from ...logs.noise import is_derived
+from ..thresholds import THRESHOLDS
 from .channel import Channel, make_channel
 from .late_reading import Comparison, as_late, compared, lowest
 
@@ -25,13 +27,8 @@ MOST = 200_000  # samples in which a sine is looked for: of a longer log those t
 BINS = 2**21  # of the position, at most
 TONES = 6  # sines, at most
 FEWEST = 3  # periods within the travel
-# The strongest sine's power over the median of its neighbours': noise alone makes 20 with a million of them. On 24
-# opened logs whose rate lags behind a machine that cogs it was up to 120, of a sine that took 0.02 of the energy.
-STANDS_OUT, NEIGHBOURS = 60.0, 256
-TAKES = 0.03  # of the energy of what the two part by
-OWN = 0.5  # of the motion's own sine, which a lag that is not quite met would leave a part of
+NEIGHBOURS = 256  # sines whose median power one is held against
 ROUNDED = 1e-3  # by which the two may part more where the machine rests and there is nothing to correct
-MATTERS = 0.01  # torque that it looks like, of the commanded torque's rms
 STEEPEST = 0.5  # of the error against the position [1]: one that turns the reading back is no encoder's
 SLOWEST = 0.3  # longest time over which the two are compared [s]
 
@@ -88,9 +85,9 @@ def encoder_errors(log: Log, inertia: float) -> tuple[EncoderError, ...]:
             periods = apart.refined(apart.without(found), periods)
             nearer = apart.fitted([*(one.periods for one in found), periods])
         left = apart.without(nearer)
-        slight = torque * nearer[-1].amplitude * periods**2 < MATTERS * effort
+        slight = torque * nearer[-1].amplitude * periods**2 < THRESHOLDS.nothing * effort
         steep = nearer[-1].amplitude * periods > STEEPEST
-        if slight or steep or np.mean(left**2) > (1.0 - TAKES) * np.mean(apart.without(found) ** 2):
+        if slight or steep or np.mean(left**2) > (1.0 - THRESHOLDS.sine_takes) * np.mean(apart.without(found) ** 2):
             break
         found = nearer
     if not found or not _holds_everywhere(log, found, apart):
@@ -114,9 +111,9 @@ def _holds_everywhere(log: Log, errors: Sequence["EncoderError"], apart: "_Apart
     rate, read = np.asarray(log.velocity, float), np.asarray(log.position, float)
     for start in range(0, len(read) - 2 * apart.half, MOST):
         part = slice(start, start + MOST)
-        moved = apart.quick(travel(rate[part], apart.dt))
+        moved = apart.high_passed(travel(rate[part], apart.dt))
         before, after = (
-            float(np.mean((apart.quick(apart.as_read(each)) - moved) ** 2))
+            float(np.mean((apart.high_passed(apart.as_read(each)) - moved) ** 2))
             for each in (read[part], _true(read[part], errors))
         )
         if after > (1.0 + ROUNDED) * before:
@@ -129,17 +126,17 @@ class _Apart:
     """What the encoder and the integral of the rate part by, less its average over the samples around.
 
     Attributes:
-        angle: the encoder's, without what was found so far, shape (samples,).
-        left: what they part by [rad], shape (samples,).
-        moved: the integral of the rate, likewise [rad].
+        rate: the velocity column [rad/s], shape (samples,).
+        position: the encoder's column as read.
+        angle: the same without what was found so far [rad], shape (samples,).
         both: the comparison of the two, with how late the rate is.
         half: samples on either side that the average is taken over.
         dt: control period [s].
     """
 
+    rate: Values
+    position: Channel
     angle: Values
-    left: Values
-    moved: Values
     both: Comparison
     half: int
     dt: float
@@ -154,10 +151,17 @@ class _Apart:
         noise = make_channel(rate).noise * dt
         most = max(SLOWEST / dt, 16.0)
         half = max(int(min(position.noise / max(noise, 1e-300), np.sqrt(most)) ** 2), 16)
-        empty = np.zeros(0)
-        bare = _Apart(angle, empty, empty, both, half, dt)
-        moved = bare.quick(travel(rate, dt))
-        return dataclasses.replace(bare, left=bare.quick(bare.as_read(position.values)) - moved, moved=moved)
+        return _Apart(rate, position, angle, both, half, dt)
+
+    @functools.cached_property
+    def moved(self) -> Values:
+        """The integral of the rate, without what is slow [rad], shape (samples,)."""
+        return self.high_passed(travel(self.rate, self.dt))
+
+    @functools.cached_property
+    def left(self) -> Values:
+        """What the encoder and that part by [rad], shape (samples,)."""
+        return self.high_passed(self.as_read(self.position.values)) - self.moved
 
     def as_read(self, values: Values) -> Values:
         """An angle as late and as large as the rate sensor reads it."""
@@ -166,7 +170,7 @@ class _Apart:
         scale = self.both.lines[key][int(np.argmin(errors))].scale
         return scale * as_late(values, key, lowest(self.both.late, errors), self.dt)
 
-    def quick(self, values: Values) -> Values:
+    def high_passed(self, values: Values) -> Values:
         """Less the average of the samples around each, of those that are there at the ends."""
         total = np.concatenate([[0.0], np.cumsum(values - values[0])])
         index = np.arange(len(values))
@@ -183,10 +187,10 @@ class _Apart:
         power, own = (self._power(values, bins) for values in (left, self.moved))
         allowed = (periods > 2.0 * np.pi * FEWEST / reach) & (periods < fastest)
         # Where the motion itself has that sine, a part of it that a lag leaves is no error of the encoder.
-        allowed &= power > OWN**2 * np.maximum(own - STANDS_OUT * _around(own), 0.0)
+        allowed &= power > THRESHOLDS.sine_own**2 * np.maximum(own - THRESHOLDS.sine_stands_out * _around(own), 0.0)
         ratio = np.where(allowed, power / np.maximum(_around(power), 1e-300), 0.0)
         place = int(np.argmax(ratio))
-        return float(periods[place]) if ratio[place] > STANDS_OUT else 0.0
+        return float(periods[place]) if ratio[place] > THRESHOLDS.sine_stands_out else 0.0
 
     def _power(self, values: Values, bins: int) -> Values:
         """Power of the sines of the position, shape (bins + 1,), every half period more within the travel."""
@@ -203,7 +207,7 @@ class _Apart:
     def _table(self, periods: Sequence[float]) -> Values:
         """Sine and cosine of each of some periods as the rate sensor would read them, shape (samples, 2 of each)."""
         waves = [f(n * self.angle) for n in periods for f in (np.sin, np.cos)]
-        return np.stack([self.quick(self.as_read(wave)) for wave in waves], 1)
+        return np.stack([self.high_passed(self.as_read(wave)) for wave in waves], 1)
 
     def fitted(self, periods: Sequence[float]) -> list[EncoderError]:
         """Errors of those periods by least squares, in their order."""
@@ -212,7 +216,7 @@ class _Apart:
 
     def without(self, errors: Sequence[EncoderError]) -> Values:
         """What is left without some errors [rad], shape (samples,)."""
-        return self.left - self.quick(self.as_read(sum((one.at(self.angle) for one in errors), np.zeros(1))))
+        return self.left - self.high_passed(self.as_read(sum((one.at(self.angle) for one in errors), np.zeros(1))))
 
 
 def _around(power: Values) -> Values:

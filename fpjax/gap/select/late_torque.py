@@ -1,6 +1,7 @@
 """Late torque: whether the torque column is recorded later than the torque acted."""
 
 from collections.abc import Mapping, Sequence
+from typing import TypeVar
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from .decision import Alone, Decision
 from .detectability import resolved
 from .weighed import Exact, judged_windows, moving_windows
 
+Key = TypeVar("Key")
 (DELAY,) = (parameter.name for parameter in LATE_TORQUE.parameters)
 
 
@@ -110,7 +112,7 @@ def lags(late: float, dt: float) -> list[float]:
     return [0.0, late, *([late - dt] if late > dt else [])]
 
 
-def least_missing(searches: Mapping[float, Search], chosen: Fit | None) -> float:
+def least_missing(searches: Mapping[Key, Search], chosen: Fit | None) -> Key:
     """The key of the search in whose logs the chosen causes, or none, leave the least torque missing.
 
     Args:

@@ -19,7 +19,6 @@ from ..thresholds import THRESHOLDS, Thresholds
 
 ROUNDING = "velocity_quantisation"
 LATE = (LAG, DELAY)  # what a closed loop notices, however little of the speed it is
-FILTER = 6.0  # periods that a drive's own derivative of its encoder may be late: of 24 opened logs the latest is 4.6
 FEW = 10  # observations that what both models leave counts as
 FAINT = 1e-3  # of the speed's rms: below it an error of the reading is the differentiators', whatever its evidence
 NEARLY = 1e-2  # 1 - correlation^2 that two readings of one motion have at least, by their stamps [1]
@@ -73,7 +72,7 @@ def readings(record: Record, inertia: float) -> list[Reading]:
     # What neither leaves is a fault of both models, and no noise: it counts as few observations, however long the log.
     errors = both.errors(name)
     time = lowest(both.late, errors)
-    if derived and time <= FILTER * dt:
+    if derived and time <= THRESHOLDS.derived_late * dt:
         return []  # its filter is how it was made, and not a fault of a sensor
     one, two = (max(float(np.min(some)), 1e-300) for some in (errors, both.errors(other)))
     nats = 0.5 * FEW * float(np.log(two / one))
