@@ -182,7 +182,8 @@ def _position_is_enough(
 
     So it is where the encoder alone resolves the torques of every log: most drives differentiate and filter the same
     encoder for the rate, and its lag and scale must not change the estimated torque. That a rate was derived, or is in
-    another unit, one log shows for all.
+    another unit, one log shows for all. It is not enough where positions are read off their stamps, which is no white
+    noise: the rate beside them knows better.
     """
     both = [
         (log, rate.values, angle)
