@@ -51,36 +51,53 @@ def closed(before: Values, after: Values, floor: float) -> Values:
 
 
 def steps_of(search: Search, decision: Decision, causes: Sequence[str]) -> tuple[Step, ...]:
-    """The gap after each cause, from the nominal model to the chosen one, and then with the details beside them.
-
-    A cause is fitted with those before it alone, each nominal number as it was given until its turn.
+    """The gap after each cause, from the nominal model to the chosen one, its details beside the causes included.
 
     Args:
         search: of the logs.
-        decision: on its fits.
+        decision: its `path` holds the models between, each with one cause more.
         causes: asserted causes of the machine, the most important first.
     """
-    if not causes:
-        return ()
+    if len(causes) > 1 and any(map(is_number, causes)):
+        return _steps_with_numbers(search, decision, causes)
     chosen = decision.chosen.fit
-    details = [name for name in chosen.candidate.structural if name not in causes]
-    # With details the last cause is fitted without them, else its model is the chosen one.
-    between = range(1, len(causes) + bool(details))
-    fits = [*search.fitted([_with_first(chosen, causes[:count]) for count in between]), chosen]
-    names = [*([name] for name in causes), *([details] if details else [])]
-    return tuple(_step(name, withheld(search, fit)) for added, fit in zip(names, fits, strict=True) for name in added)
+    steps: list[Step] = []
+    last = decision.exact
+    for fit in [
+        *(f for f in decision.path[1:] if set(f.candidate.structural) < set(chosen.candidate.structural)),
+        chosen,
+    ]:
+        added = [name for name in causes if name not in [s.added for s in steps]]
+        if fit is not chosen:
+            added = [name for name in added if name in fit.candidate.structural]
+        if not added:
+            continue
+        steps += [_step(name, withheld(search, fit)) for name in added]
+        last = fit
+    if steps and last is not chosen:
+        # What is told of the whole holds the details too: the last step must be that number.
+        details = [name for name in chosen.candidate.structural if name not in causes]
+        steps += [_step(name, withheld(search, chosen)) for name in details]
+    return tuple(steps)
 
 
-def _with_first(fit: Fit, causes: Sequence[str]) -> Start:
-    """A fitted model with these causes alone, nominal numbers that are none of them as they were given."""
-    c = fit.candidate
-    rest = tuple(effect for effect in c.effects if effect.name in causes)
-    numbers = tuple(name.removesuffix("_error") for name in causes if is_number(name))
-    values = c.values()
-    for effect in c.effects:
-        values = values if effect in rest else without_effect(values, effect, rest)
-    given = set(NOMINAL) - set(numbers)
-    return Start(rest, numbers, {k: v for k, v in values.items() if k not in given}, c)
+def _steps_with_numbers(search: Search, decision: Decision, causes: Sequence[str]) -> tuple[Step, ...]:
+    """The causes one by one, in their order, each number as it was given until it is its turn.
+
+    The models that were tried on the way have all numbers free, so that the first effect would be credited with them.
+    """
+    c = decision.chosen.fit.candidate
+    starts = []
+    for count in range(1, len(causes)):
+        rest = tuple(effect for effect in c.effects if effect.name in causes[:count])
+        numbers = tuple(name.removesuffix("_error") for name in causes[:count] if is_number(name))
+        values = c.values()
+        for effect in c.effects:
+            values = values if effect in rest else without_effect(values, effect, rest)
+        given = set(NOMINAL) - set(numbers)
+        starts.append(Start(rest, numbers, {k: v for k, v in values.items() if k not in given}, c))
+    fits = [*search.fitted(starts), decision.chosen.fit]
+    return tuple(_step(name, withheld(search, fit)) for name, fit in zip(causes, fits, strict=True))
 
 
 def with_readings(steps: Sequence[Step], causes: Sequence[str], readings: Sequence[str], gap: Gap) -> tuple[Step, ...]:

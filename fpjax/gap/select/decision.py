@@ -45,6 +45,7 @@ class Decision:
         singles: every effect alone, the most likely first.
         chosen: the model that is reported.
         rivals: models with as many effects as the chosen one, the most likely first.
+        path: the ladder from `exact` to `chosen`.
         shares: of the missing energy that counts as all (`whole`), what would come back without each cause of `chosen`
             [1], the largest first; of what moves the machine alone where `by_numbers` was asked so.
         judged: windows on which models were compared, one array of indices a record.
@@ -58,6 +59,7 @@ class Decision:
     singles: tuple[Weighed, ...]
     chosen: Weighed
     rivals: tuple[Weighed, ...]
+    path: tuple[Fit, ...]
     shares: dict[str, float]
     judged: tuple[Values, ...]
     alike: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
@@ -115,7 +117,7 @@ def decide(
     if not _better(search, exact, numbers, chosen):
         chosen = numbers  # an effect alone that hardly takes more torque than wrong numbers do is a detail beside them
     tried = list(weighed)
-    rivals, likely = weighed, [effect.name for effect in search.effects]
+    rivals, path, likely = weighed, [exact.fit], [effect.name for effect in search.effects]
     # Without a gap nothing will be told of causes, nor of details beside them.
     gap = gap_share(search, given) >= THRESHOLDS.nothing
     most = THRESHOLDS.most_causes if gap else 1
@@ -133,6 +135,7 @@ def decide(
         best = _further(search, exact, chosen, found, nominal)
         if best is None:
             break
+        path.append(chosen.fit)
         chosen, rivals = best, found
         # What was no use beside one cause is hardly any beside two.
         likely = list(dict.fromkeys(name for w in found for name in w.structural))[: LIKELY + size]
@@ -143,6 +146,7 @@ def decide(
         nonlocal rivals
         instead, found = plausible(search, exact, with_right_numbers(search, exact, one, tried), singles)
         if instead is not one:
+            path.append(one.fit)
             tried.extend(found)
             rivals = found or rivals
         return instead
@@ -172,8 +176,8 @@ def decide(
     all_of_it = exact.left(exact.fit)
     whole = whole_gap(search, exact, chosen.fit) / all_of_it if all_of_it > 0.0 else 1.0
     return Decision(
-        exact.fit, nominal, tuple(singles), chosen, tuple(rivals), shares.energy, exact.judged, shares.alike,
-        whole, shares.evidence,
+        exact.fit, nominal, tuple(singles), chosen, tuple(rivals), (*path, chosen.fit), shares.energy, exact.judged,
+        shares.alike, whole, shares.evidence,
     )  # fmt: skip
 
 
@@ -192,9 +196,10 @@ def by_numbers(search: Search, decision: Decision, *, moving: bool = False) -> D
         found = [weighed_fit(search, exact, w.fit, w.evidence) for w in singles]
         singles = tuple(sorted(found, key=lambda w: -w.worth))
     shares = shares_of(search, exact, numbers.fit, [w.fit for w in (nominal, *singles)])
+    path = (decision.exact, numbers.fit)
     return replace(
-        decision, nominal=nominal, singles=singles, chosen=numbers, rivals=singles, shares=shares.energy,
-        alike=shares.alike, whole=1.0, lost=shares.evidence,
+        decision, nominal=nominal, singles=singles, chosen=numbers, rivals=singles, path=path,
+        shares=shares.energy, alike=shares.alike, whole=1.0, lost=shares.evidence,
     )  # fmt: skip
 
 
