@@ -103,7 +103,8 @@ def test_what_a_sluggish_model_leaves_is_read_as_the_larger_torque_that_it_is(ha
 
 def test_a_reading_that_lags_shows_less_of_a_missing_torque():
     """Where it alone shows the motion: what it leaves would else be read as a smaller torque than it is."""
-    rate = gap_search.search_of(numpy_machine.record(seconds=3.0, sensors=("velocity",)))
+    log = numpy_machine.record(seconds=3.0, sensors=("velocity",))
+    rate = gap_search.search_of(log)
     turned = 2.0 * np.pi * rate.modes.frequency * 0.02
     shown = np.where(rate.modes.sensor, 1.0, np.sqrt(1.0 + turned**2))
     assert scale(rate, velocity_lag=0.02)[0] == pytest.approx(shown)
@@ -170,6 +171,21 @@ def test_a_slow_command_answers_no_fast_torque(viscous):
     search = gap_search.search_of(log, gap_search.MODEL.replace("0.03", str(viscous)))
     assert search.setting.inertia == pytest.approx(0.05)
     assert search.base.values()["inertia"] == pytest.approx(0.1, rel=0.06)
+
+
+def test_what_a_command_does_at_the_ends_of_windows_counts_as_in_their_middle():
+    """A loop's answer to the steps of a reference, whose period may be that of the windows."""
+    search = gap_search.search_of(numpy_machine.record(seconds=6.0))
+    fitter, (record,) = search.fitters[search.exact.family.key], search.records
+
+    def changes(phase):
+        since = (np.arange(len(record.time)) - record.starts[0] - phase * record.samples) % record.samples * record.dt
+        burst = np.exp(-since / 0.05) * np.cos(2.0 * np.pi * 8.0 * since)
+        return np.mean(fitter._changes(replace(record, torque=burst)), axis=0)  # by mode
+
+    at_ends, within = changes(0.0), changes(0.4)
+    assert np.all(at_ends > 0.3 * within)
+    assert np.all(within > 0.3 * at_ends)
 
 
 def test_a_log_that_is_quiet_but_for_a_few_pushes_has_a_gap():

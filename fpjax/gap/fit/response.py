@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...logs.arrays import Values
-from ..data.record import Record
+from ..data.record import Record, joints
 from ..data.setting import Setting
 from ..simulate.family import Runner
 from .candidate import Candidate
@@ -67,15 +67,23 @@ class Response:
         return found
 
     def _changes(self, record: Record) -> Values:
-        """Mean square by octave [N^2 m^2] of how the command changes within each window, shape (windows, modes).
+        """Mean square by octave [N^2 m^2] of how the command changes about each window, shape (windows, modes).
 
         Under a Hann taper: a part of a slow sine, or a ramp, would leak into every octave by its jump from the window's
-        end to its beginning, and pass for a loop's answer there.
+        end to its beginning, and pass for a loop's answer there. Averaged over windows half a window apart (Welch, "The
+        use of fast Fourier transform for the estimation of power spectra", 1967), since a taper hides what a command
+        does at a window's ends, where a reference may have its steps.
         """
-        torque = record.torque[record.rows()]
-        taper = np.hanning(torque.shape[1] + 2)[1:-1]
+        rows, edges = record.rows(), joints(record)
+        taper = np.hanning(record.samples + 2)[1:-1]
         taper /= np.sqrt(np.mean(taper**2))
-        squares = (((torque - np.mean(torque, axis=1, keepdims=True)) * taper) @ self.modes.torque) ** 2
+        squares = np.zeros((len(rows), len(self.modes.gain)))
+        for shift, share in ((-(record.samples // 2), 0.25), (0, 0.5), (record.samples // 2, 0.25)):
+            first, last = (np.searchsorted(edges, rows[:, end] + shift, "right") for end in (0, -1))
+            # The window itself where a shifted one is not within one stretch of the record.
+            torque = record.torque[np.where((first == last)[:, None], rows + shift, rows)]
+            torque = (torque - np.mean(torque, axis=1, keepdims=True)) * taper
+            squares += share * (torque @ self.modes.torque) ** 2
         for band in np.unique(self.modes.band):
             own = self.modes.band == band
             squares[:, own] = np.mean(squares[:, own], axis=1, keepdims=True)
