@@ -108,6 +108,10 @@ def test_a_reading_that_lags_shows_less_of_a_missing_torque():
     turned = 2.0 * np.pi * rate.modes.frequency * 0.02
     shown = np.where(rate.modes.sensor, 1.0, np.sqrt(1.0 + turned**2))
     assert scale(rate, velocity_lag=0.02)[0] == pytest.approx(shown)
+    # Against what the nominal model has of it.
+    known = make_search([log], [], load_model(gap_search.MODEL + "[sensor]\nlag = 0.02\n"))
+    assert scale(known, velocity_lag=0.02)[0] == pytest.approx(1.0)
+    assert scale(known, velocity_lag=0.03)[0].max() == pytest.approx(1.5, rel=0.02)
 
 
 def chatter(seed, seconds=12.0):
