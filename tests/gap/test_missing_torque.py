@@ -54,7 +54,8 @@ def test_a_weight_is_a_law_of_the_position_and_its_name_holds_what_the_curve_hol
 
 def scale(search, **values):
     """(the torque scale of a candidate by mode, its fitter, the candidate)."""
-    changes = {"actuator_lag": "actuator_lag", "limit": "torque_saturation", "gain": "torque_gain_error"}
+    changes = {"limit": "torque_saturation", "gain": "torque_gain_error"}
+    changes |= {name: name for name in ("actuator_lag", "velocity_lag")}
     effects = tuple(effect(name) for value, name in changes.items() if value in values)
     c = search.candidate(Start(effects, ("inertia", "coulomb", "viscous"), values))
     fitter = search.fitters[c.family.key]
@@ -100,6 +101,19 @@ def test_what_a_sluggish_model_leaves_is_read_as_the_larger_torque_that_it_is(ha
     assert some[1, 0] < 0.1 * windows
 
 
+def test_a_reading_that_lags_shows_less_of_a_missing_torque():
+    """Where it alone shows the motion: what it leaves would else be read as a smaller torque than it is."""
+    log = numpy_machine.record(seconds=3.0, sensors=("velocity",))
+    rate = gap_search.search_of(log)
+    turned = 2.0 * np.pi * rate.modes.frequency * 0.02
+    shown = np.where(rate.modes.sensor, 1.0, np.sqrt(1.0 + turned**2))
+    assert scale(rate, velocity_lag=0.02)[0] == pytest.approx(shown)
+    # Against what the nominal model has of it.
+    known = make_search([log], [], load_model(gap_search.MODEL + "[sensor]\nlag = 0.02\n"))
+    assert scale(known, velocity_lag=0.02)[0] == pytest.approx(1.0)
+    assert scale(known, velocity_lag=0.03)[0].max() == pytest.approx(1.5, rel=0.02)
+
+
 def chatter(seed, seconds=12.0):
     """A torque of 1 N m rms that changes every 20 ms, by sample of 1 ms."""
     return np.repeat(np.random.default_rng(seed).standard_normal(round(seconds * 50)), 20)
@@ -143,6 +157,39 @@ def test_a_command_that_stays_the_same_answers_no_missing_torque():
     search = gap_search.search_of(log, gap_search.MODEL.replace("0.03", "0.08"))
     assert search.setting.inertia == 0.05
     assert search.base.values()["inertia"] == pytest.approx(0.1, rel=0.03)
+
+
+@pytest.mark.parametrize("viscous", [0.5, 2.0])
+def test_a_slow_command_answers_no_fast_torque(viscous):
+    """A motor under the chirp of a voltage, shaken at up to 170 Hz, where the chirp of 0.3 to 1.5 Hz has nothing.
+
+    Counted as an answer there, what a part of a sine leaks into fast octaves spoke for the light mass that was given.
+    """
+    time = 1e-3 * np.arange(12000)
+    shaken = np.repeat(np.random.default_rng(3).standard_normal(4000), 3)
+    log = numpy_machine.record(
+        numpy_machine.Machine(inertia=0.1, kp=0.0, ki=0.0, viscous=viscous), seconds=12.0,
+        feedforward=4.0 * viscous * np.sin(2.0 * np.pi * (0.3 + 0.05 * time) * time),
+        extra=lambda time, speed, angle, command: shaken[int(1e3 * time + 1e-3)],
+    )  # fmt: skip
+    search = gap_search.search_of(log, gap_search.MODEL.replace("0.03", str(viscous)))
+    assert search.setting.inertia == pytest.approx(0.05)
+    assert search.base.values()["inertia"] == pytest.approx(0.1, rel=0.06)
+
+
+def test_what_a_command_does_at_the_ends_of_windows_counts_as_in_their_middle():
+    """A loop's answer to the steps of a reference, whose period may be that of the windows."""
+    search = gap_search.search_of(numpy_machine.record(seconds=6.0))
+    fitter, (record,) = search.fitters[search.exact.family.key], search.records
+
+    def changes(phase):
+        since = (np.arange(len(record.time)) - record.starts[0] - phase * record.samples) % record.samples * record.dt
+        burst = np.exp(-since / 0.05) * np.cos(2.0 * np.pi * 8.0 * since)
+        return np.mean(fitter._changes(replace(record, torque=burst)), axis=0)  # by mode
+
+    at_ends, within = changes(0.0), changes(0.4)
+    assert np.all(at_ends > 0.3 * within)
+    assert np.all(within > 0.3 * at_ends)
 
 
 def test_a_log_that_is_quiet_but_for_a_few_pushes_has_a_gap():

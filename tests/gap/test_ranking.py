@@ -170,6 +170,35 @@ def test_the_last_step_is_the_whole_with_its_details():
     assert [(step.added, step.gap_after) for step in steps_of(search, alone, ("stribeck",))] == [("stribeck", 1.0)]
 
 
+def test_a_ladder_with_numbers_fits_each_step_to_its_own_end_from_where_the_whole_stands():
+    def effect(name, *parameters):
+        return SimpleNamespace(name=name, parameters=tuple(SimpleNamespace(name=p) for p in parameters))
+
+    def fit(missing, candidate=None):
+        return SimpleNamespace(candidate=candidate, missing=(np.full(8, missing),))
+
+    effects = (effect("asymmetric_friction", "coulomb", "direction"), effect("actuator_lag", "lag"))
+    values = {"inertia": 0.06, "coulomb": 0.7, "viscous": 0.2, "direction": 0.1, "lag": 0.01}
+    whole = fit(1.0, SimpleNamespace(effects=effects, values=lambda: dict(values)))
+    asked = []
+
+    def fitted(starts, *, alone):
+        asked.extend((tuple(e.name for e in s.effects), s.wide, s.values, alone) for s in starts)
+        return [fit(9.0), fit(4.0)]
+
+    search = SimpleNamespace(withheld=[np.arange(8)], fitted=fitted)
+    decision = SimpleNamespace(chosen=SimpleNamespace(fit=whole))
+    causes = ("asymmetric_friction", "inertia_error", "actuator_lag")
+    ladder = [(step.added, step.gap_after) for step in steps_of(search, decision, causes)]
+    assert ladder == [("asymmetric_friction", 3.0), ("inertia_error", 2.0), ("actuator_lag", 1.0)]
+    # The Coulomb level is the effect's own: it starts as fitted. Inertia and viscous friction are as given until told.
+    first = {"coulomb": 0.7, "direction": 0.1}
+    assert asked == [
+        (("asymmetric_friction",), (), first, True),
+        (("asymmetric_friction",), ("inertia",), first | {"inertia": 0.06}, True),
+    ]
+
+
 def test_twins_by_wide_intervals_are_none_where_one_of_them_alone_is_far_behind():
     twin = Twin(frozenset({"asymmetric_friction"}), ("constant_torque",))
     for gain, apart in ((395.0, False), (100.0, True)):

@@ -94,9 +94,9 @@ def _steps_with_numbers(search: Search, decision: Decision, causes: Sequence[str
         values = c.values()
         for effect in c.effects:
             values = values if effect in rest else without_effect(values, effect, rest)
-        given = set(NOMINAL) - set(numbers)
+        given = set(NOMINAL) - set(numbers) - {p.name for effect in rest for p in effect.parameters}
         starts.append(Start(rest, numbers, {k: v for k, v in values.items() if k not in given}, c))
-    fits = [*search.fitted(starts), decision.chosen.fit]
+    fits = [*search.fitted(starts, alone=True), decision.chosen.fit]
     return tuple(_step(name, withheld(search, fit)) for name, fit in zip(causes, fits, strict=True))
 
 

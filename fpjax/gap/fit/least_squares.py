@@ -29,8 +29,8 @@ DAMPINGS = (1e-6, 1e-2, 1.0, 100.0)  # tried side by side, times the candidate's
 LOADED = 0.05  # of the torque in a spring, over the friction [1]
 BRISTLE = 0.1  # of the bristles' deflection, over that at sliding [1]
 MOVED = 0.02  # of a speed from positions, over the top speed, beside its noise [1]
-# A fit has converged when a step lowers the cost, twice the negative log posterior, by less than this, or by less than
-# a share of what it is behind the fit that it is compared with: what is 1,000 nats behind needs no last digit.
+# A fit has converged when an iteration lowers the cost, twice the negative log posterior, by less than this, or than a
+# share of what it is behind the fit that it is compared with: what is 1,000 nats behind needs no last digit.
 GAINED = 0.02
 SLIGHT = 0.01  # [1]
 
@@ -129,7 +129,7 @@ class Fitter(Response):
     def linearise(
         self, candidates: Sequence[Candidate], windows: Windows, *, hidden: bool = True, known: Known | None = None
     ) -> list[list[Linear]]:
-        """For each candidate, one `Linear` a record with windows; Jacobians by one-sided differences, each a lane.
+        """For each candidate, one `Linear` a record with windows; Jacobians by one-sided differences.
 
         Args:
             candidates: of this family.
@@ -260,7 +260,7 @@ class Fitter(Response):
         """
         linear = self.linearise(active, windows, known=known)
         trials: list[list[Candidate]] = []
-        costs = np.zeros(0)
+        fell, costs = [], np.zeros(0)
         for c, parts in zip(active, linear, strict=True):
             if adapt:
                 c.white = white
@@ -270,13 +270,14 @@ class Fitter(Response):
             weighed = [self.modes.cost_and_precision(c.level, *one, white=c.white) for one in each]
             beside = self._beside_windows(c, [(p.which, p.windows) for p in parts], torques)
             cost = beside + sum(float(np.sum(own)) for own, _ in weighed)
+            # The level's fall since the last step is a gain as well, and tells of more to come.
+            fell.append(max(c.cost - cost, 0.0) if np.isfinite(c.cost) else 0.0)
             c.cost = cost if np.isfinite(cost) else np.inf  # a simulation that diverges
-            own = self._steps(c, parts, [weight for _, weight in weighed], c.damping * np.array(DAMPINGS), torques)
+            own = self._steps(c, parts, [w for _, w in weighed], c.damping * np.array(DAMPINGS), torques)
             trials.append(own)
             priors = [self.parameter_prior(trial) for trial in own]
             costs = np.append(costs, priors + self.log_volumes(np.array([trial.vector for trial in own]), torques))
-        # The trials of all candidates run as one batch of lanes. Level and counted torques stay those of the candidate,
-        # so that the costs of its trials are comparable.
+        # All trials run as one batch of lanes, each at its candidate's level and counted torques: costs compare.
         everything = [trial for group in trials for trial in group]
         tried: dict[int, list[Values]] = {}
         for which, chosen in enumerate(windows):
@@ -303,7 +304,7 @@ class Fitter(Response):
             after[id(c)] = {which: found[place * len(group) + best] for which, found in tried.items()}
             c.vector, c.states, c.cost = group[best].vector, group[best].states, float(cost[best])
             c.damping = float(np.clip(group[best].damping, 1e-5, 1e4))
-            c.converged = bool(gain < max(GAINED, SLIGHT * (c.cost - c.beside)))
+            c.converged = bool(gain + fell[place] < max(GAINED, SLIGHT * (c.cost - c.beside)))
         return after
 
     def _steps(

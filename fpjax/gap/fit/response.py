@@ -10,14 +10,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...logs.arrays import Values
-from ..data.record import Record
+from ..data.record import Record, joints
 from ..data.setting import Setting
 from ..simulate.family import Runner
 from .candidate import Candidate
 from .modes import Modes
 
 # Parameters by which a model's frequency response, and so `torque_scale`, depends smoothly on the vector.
-RESPONSE = ("inertia", "viscous", "gain", "scale", "drag_coefficient", "load_coefficient")
+RESPONSE = ("inertia", "viscous", "gain", "scale", "velocity_lag", "drag_coefficient", "load_coefficient")
 LEAST_PASSED = 0.05  # least share of a torque that is taken to pass a limit, dead zone or loaded gear: never none [1]
 
 Windows = Sequence[Values]
@@ -44,7 +44,7 @@ class Response:
         self.commanded = self._mean_squares([record.torque for record in self.records])
         self.changes = [self._changes(record) for record in self.records]
         self.answering = np.mean(np.concatenate(self.changes), axis=0)
-        # A reading's scale changes the response where the rate reading alone shows the motion.
+        # A reading's scale and lag change the response where the rate reading alone shows the motion.
         self.rate_alone = self.records[0].position is None
         guide = runner.tables[0].guide
         self.guide = float(guide.stiffness), float(guide.damping)
@@ -55,7 +55,10 @@ class Response:
         self.noise = [2.0 ** np.round(np.log2(record.runs)) for record in self.records]
 
     def _mean_squares(self, torques: Sequence[Values]) -> Values:
-        """Mean square in each mode [N^2 m^2], averaged by octave, of a torque along each record; shape (modes,)."""
+        """Mean square in each mode [N^2 m^2], averaged by octave, of a torque along each record; shape (modes,).
+
+        Without a taper, as the missing torque is measured that it is compared with: both leak alike.
+        """
         modes, squares = self.modes, []
         for record, torque in zip(self.records, torques, strict=True):
             squares.append((torque[record.rows()] @ modes.torque) ** 2)
@@ -67,9 +70,23 @@ class Response:
         return found
 
     def _changes(self, record: Record) -> Values:
-        """Mean square by octave [N^2 m^2] of how the command changes within each window, shape (windows, modes)."""
-        torque = record.torque[record.rows()]
-        squares = ((torque - np.mean(torque, axis=1, keepdims=True)) @ self.modes.torque) ** 2
+        """Mean square by octave [N^2 m^2] of how the command changes about each window, shape (windows, modes).
+
+        Under a Hann taper: a part of a slow sine, or a ramp, would leak into every octave by its jump from the window's
+        end to its beginning, and pass for a loop's answer there. Averaged over windows half a window apart (Welch, "The
+        use of fast Fourier transform for the estimation of power spectra", 1967), since a taper hides what a command
+        does at a window's ends, where a reference may have its steps.
+        """
+        rows, edges = record.rows(), joints(record)
+        taper = np.hanning(record.samples + 2)[1:-1]
+        taper /= np.sqrt(np.mean(taper**2))
+        squares = np.zeros((len(rows), len(self.modes.gain)))
+        for shift, share in ((-(record.samples // 2), 0.25), (0, 0.5), (record.samples // 2, 0.25)):
+            first, last = (np.searchsorted(edges, rows[:, end] + shift, "right") for end in (0, -1))
+            # The window itself where a shifted one is not within one stretch of the record.
+            torque = record.torque[np.where((first == last)[:, None], rows + shift, rows)]
+            torque = (torque - np.mean(torque, axis=1, keepdims=True)) * taper
+            squares += share * (torque @ self.modes.torque) ** 2
         for band in np.unique(self.modes.band):
             own = self.modes.band == band
             squares[:, own] = np.mean(squares[:, own], axis=1, keepdims=True)
@@ -145,9 +162,11 @@ class Response:
         count = count - np.searchsorted(self.effort, of("dead_zone", 0.0), "left")
         passed = np.maximum(count / len(self.effort), LEAST_PASSED)
         gain = of("gain", 1.0) * np.maximum(1.0 - of("load_coefficient", 0.0) * self.driving, LEAST_PASSED)
-        if self.rate_alone:
-            gain = gain * of("scale", 1.0)
-        return self.modes.response(inertia, np.maximum(viscous, 0.0), gain * passed, self.guide)
+        if not self.rate_alone:
+            return self.modes.response(inertia, np.maximum(viscous, 0.0), gain * passed, self.guide)
+        turned = 2.0 * np.pi * self.modes.frequency * of("velocity_lag", 0.0)[:, None]
+        motion = self.modes.response(inertia, np.maximum(viscous, 0.0), gain * of("scale", 1.0) * passed, self.guide)
+        return motion / np.sqrt(1.0 + turned**2)
 
     def log_volume(self, c: Candidate, torques: Values) -> float:
         """Twice the negative log of the Jacobian from torques to motion, over the `torques` counted in each mode.

@@ -183,11 +183,10 @@ class ResumingSearch(Search):
         question = f"explore {_of_starts(starts)} {tuple(keep)} {white}"
         return self._kept.answer(question, lambda: super(ResumingSearch, self).explore(starts, keep, white=white), self)
 
-    def fitted(self, starts: Sequence[Start]) -> list[Fit]:
+    def fitted(self, starts: Sequence[Start], *, alone: bool = False) -> list[Fit]:
         """As `Search.fitted`."""
-        return self._kept.answer(
-            f"fitted {_of_starts(starts)}", lambda: super(ResumingSearch, self).fitted(starts), self
-        )
+        question = f"fitted {_of_starts(starts)} {alone}"
+        return self._kept.answer(question, lambda: super(ResumingSearch, self).fitted(starts, alone=alone), self)
 
     def refit(self, fit: Fit, wide: Sequence[str]) -> Fit:
         """As `Search.refit`."""

@@ -393,12 +393,18 @@ class Search:
             self.fitters[key].assess([c for c in both if c.family.key == key], self.screening(), white=white)
         return [given[i] if i in given and given[i].cost < c.cost else c for i, c in enumerate(found)]
 
-    def fitted(self, starts: Sequence[Start]) -> list[Fit]:
-        """Each start fitted on all windows for a dozen steps and the last ones, in the order of `starts`."""
+    def fitted(self, starts: Sequence[Start], *, alone: bool = False) -> list[Fit]:
+        """Each start fitted on all windows for a dozen steps and the last ones, in the order of `starts`.
+
+        Args:
+            starts: sets and their start values.
+            alone: whether each goes to its own end, also one that is far behind the fit that it starts like.
+        """
         candidates = [self.candidate(start) for start in starts]
+        alone = alone or all(start.like is None for start in starts)
         for c, start in zip(candidates, starts, strict=True):
-            c.beside = np.inf if start.like is None else start.like.cost
-        self.go_on(candidates, self.train, 12, white=all(start.like is None for start in starts))
+            c.beside = np.inf if alone or start.like is None else start.like.cost
+        self.go_on(candidates, self.train, 12, white=alone)
         return self.finish(candidates)
 
     def refit(self, fit: Fit, wide: Sequence[str]) -> Fit:
