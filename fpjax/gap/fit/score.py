@@ -59,14 +59,14 @@ def _scores(search: Scoring, candidates: Sequence[Candidate]) -> list[Fit]:
     every = fitter.linearise(candidates, search.train)
     still = []
     for c, parts in zip(candidates, every, strict=True):
-        c.level, c.white = fitter.best_level([(p.which, p.windows, p.c) for p in parts], white=False), False
+        c.level, c.white = fitter.best_level(c, [(p.which, p.windows, p.c) for p in parts], white=False), False
         still.append(held(c))  # on withheld windows the start values alone are fitted
     left_out, fits, judge = _withheld_parts(search, still, fitter), [], fitter.judging
     for c, fixed, parts, withheld in zip(candidates, still, every, left_out, strict=True):
         # The level is not a parameter of the machine, so that all windows may determine it. If the fitted ones alone
         # set it to zero, a small missing torque in a withheld window would have to be sensor noise.
         everywhere = [(p.which, p.windows, p.c) for p in (*parts, *withheld)]
-        c.level, level = fitter.best_level(everywhere, white=False), judge.best_level(everywhere, white=False)
+        c.level, level = (one.best_level(c, everywhere, white=False) for one in (fitter, judge))
         evidence = _log_evidence(search, replace(c, level=level), judge, parts)
         if withheld:
             evidence += _log_evidence(search, replace(fixed, level=level), judge, withheld)
@@ -133,10 +133,11 @@ def _missing(
     # d = V diag(1 / sqrt(lambda)) c, filtered; V is orthonormal, so that squares of coefficients add up.
     scale, modes = fitter.torque_scale(c), search.modes
     still = modes.variance(np.zeros(1))[0]  # what no loop answers, shape (modes,)
+    read = np.where(modes.sensor, 0.0, modes.gain) * fitter.noise_through(c.vector[None])[0]
     for p in parts:
         noise = fitter.noise[p.which][p.windows]
         weight = search.measure.weight(noise, scale)
-        each = modes.plain(p.c) ** 2 - search.real_noise * noise[:, None]
+        each = modes.plain(p.c) ** 2 - search.real_noise * noise[:, None] - read
         if np.any(still > 0.0):
             # What the nominal model leaves and no loop answers may be what this one explains (a load that rattles):
             # then it is no noise, and taken out it would hide what the model lacks in other octaves.

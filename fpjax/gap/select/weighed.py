@@ -66,16 +66,28 @@ class Exact:
         judged: windows on which models are compared, one array of indices a record.
         curves: what a table of each recorded variable holds.
         moving: whether missing torque counts as far as it moves the machine alone.
+        unread: missing torque [N m] up to which models do not differ (`unread_torque`).
     """
 
     fit: Fit
     judged: tuple[Values, ...]
     curves: Mapping[str, Curve] = field(default_factory=dict)
     moving: bool = False
+    unread: float = 0.0
 
     def left(self, fit: Fit) -> float:
         """Missing torque of a model [N m], rms over the judged windows."""
-        return fit.missing_rms(self.judged, moving=self.moving)
+        return max(fit.missing_rms(self.judged, moving=self.moving), self.unread)
+
+
+def unread_torque(search: Search) -> float:
+    """Missing torque [N m] up to which models do not differ: the noise of a measured torque is known to a part only.
+
+    A gap or a soft shaft, which let none of it through, would leave less than the mass alone, and seem to explain it.
+    """
+    modes, fitter = search.modes, search.fitters[search.exact.family.key]
+    weight = search.measure.weight(np.ones(1), np.ones(len(modes.gain)))[0] * np.where(modes.sensor, 0.0, modes.gain)
+    return THRESHOLDS.unread * float(np.sqrt(np.sum(weight * fitter.reading)))
 
 
 def judged_windows(
