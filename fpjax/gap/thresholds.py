@@ -150,8 +150,6 @@ class Thresholds:
         harmless: gain of the worst fold [nats] that is accepted where the folds differ too much for that.
         learned_share: share of the missing energy [1] that a learned law must remove to be worth its points.
         stands_out: standard deviations above what noise alone would show [1], from which on a place stands out.
-        unread: of a measured torque's noise [1], the missing torque up to which models do not differ: half of it where
-            the noise is known to an eighth. Chosen for that reason, on two opened records of one machine.
         listed: share of the missing energy in all places that stand out [1], below which none is listed.
     """
 
@@ -230,7 +228,6 @@ class Thresholds:
     harmless: float = -1.0
     learned_share: float = 0.02
     stands_out: float = 4.0
-    unread: float = 0.5
     listed: float = 0.2
 
 

@@ -125,7 +125,7 @@ def withheld(search: Search, fit: Fit) -> Values:
 
 
 def noise_floor(search: Search, windows: Sequence[Values] | None = None) -> float:
-    """Missing torque that noise alone would exceed in one log out of twenty [N m], a measured torque's noise included.
+    """Missing torque that noise alone would exceed in one log out of twenty [N m].
 
     The mean square of a course under noise alone is a weighted sum of squares of standard normals, minus its mean. Its
     95 % quantile is that of a scaled chi-square with the same mean and variance (Satterthwaite, "An approximate
@@ -143,8 +143,7 @@ def noise_floor(search: Search, windows: Sequence[Values] | None = None) -> floa
     if not len(noise):
         return float("nan")
     weight = search.measure.weight(noise, np.ones(len(modes.gain)))
-    read = fitter.reading * np.where(modes.sensor, 0.0, modes.gain)
-    weight = weight * (modes.variance(search.real_noise * noise) + read) / len(noise)
+    weight = weight * modes.variance(search.real_noise * noise) / len(noise)
     mean, square = float(np.sum(weight)), float(np.sum(weight**2))
     if not square > 0.0:
         return 0.0

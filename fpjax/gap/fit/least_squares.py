@@ -269,7 +269,7 @@ class Fitter(Response):
             beside = self._beside_windows(c, [(p.which, p.windows) for p in parts], torques)
             cost = beside + sum(float(np.sum(own)) for own, _ in weighed)
             # The level's fall since the last step is a gain as well, and tells of more to come.
-            fell.append(max(c.cost - cost, 0.0) if np.isfinite(c.cost) else 0.0)
+            fell.append(max(c.cost - cost, 0.0) if id(c) in known and np.isfinite(c.cost) else 0.0)
             c.cost = cost if np.isfinite(cost) else np.inf  # a simulation that diverges
             own = self._steps(c, parts, [w for _, w in weighed], c.damping * np.array(DAMPINGS), torques)
             trials.append(own)

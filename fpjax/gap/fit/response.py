@@ -37,7 +37,7 @@ class Torques:
         imposed: likewise, of motions that a loop imposes, shape (modes,).
         read: share of the missing torque that is the noise of a measured torque [1], shape (modes,).
         noise: s^2 of the windows [1], each value once, shape (kinds,).
-        windows: with that value, shape (kinds,).
+        windows: number of windows with that value, shape (kinds,).
     """
 
     made: Values
@@ -68,11 +68,11 @@ class Response:
         self.forwards = float(np.sum(speed) / max(np.sum(np.abs(speed)), 1e-300))
         self.inertial = self._mean_squares([self.setting.inertia * record.acceleration for record in self.records])
         self.commanded = self._mean_squares([record.torque for record in self.records])
-        self.changes = [self._changes(record) for record in self.records]
-        self.answering = np.mean(np.concatenate(self.changes), axis=0)
         # Variance of a measured torque's noise in each mode [N^2 m^2].
         read = [r.torque_noise**2 * kept_noise(modes.frequency, r.dt, r.resampled) for r in self.records]
         self.reading = np.where(modes.sensor, 0.0, np.mean(read, axis=0))
+        self.changes = [self._changes(record) for record in self.records]
+        self.answering = np.mean(np.concatenate(self.changes), axis=0)
         # A reading's scale and lag change the response where the rate reading alone shows the motion.
         self.rate_alone = self.records[0].position is None
         guide = runner.tables[0].guide
@@ -111,7 +111,7 @@ class Response:
             torque = record.torque[np.where((first == last)[:, None], rows + shift, rows)]
             torque = (torque - np.mean(torque, axis=1, keepdims=True)) * taper
             squares += share * (torque @ self.modes.torque) ** 2
-        return self.modes.by_octave(squares)
+        return self.modes.by_octave(np.maximum(squares - self.reading, 0.0) if np.any(self.reading) else squares)
 
     def torques(self, c: Candidate, windows: Windows) -> Torques:
         """Effective number of coefficients of each mode that count as torques, for `log_volume`.
@@ -204,7 +204,14 @@ class Response:
         """
         if not np.any(self.reading):
             return np.zeros((len(vectors), len(self.reading)))
-        return self.reading / self._lost_of_command(vectors) ** 2
+        square, at = (2.0 * np.pi * self.modes.frequency) ** 2, self._places.get("actuator_lag")
+        late = 0.0 if at is None else square * vectors[:, at, None] ** 2
+        # `Modes` infers it through the nominal mass and its viscous friction, without gain, limit or lag.
+        mass = np.array([self.setting.inertia])
+        passed = self._response(vectors) / self.modes.response(
+            mass, self.setting.damping * mass, np.ones(1), self.guide
+        )
+        return np.where(self.modes.sensor, 0.0, self.reading * passed**2 / (1.0 + late))
 
     def reading_level(self, c: Candidate) -> Values:
         """Least level by octave of a candidate's missing torque [N m], shape (bands,): a measured torque's noise."""
@@ -241,8 +248,9 @@ class Response:
         if not np.any(torques.read > 0.0):
             return np.zeros(len(through))
         gain, found = np.where(self.modes.sensor, 0.0, self.modes.gain), np.zeros(len(through))
+        nominal = self.noise_through(self.family.neutral(self.setting)[None])[0]
         for variance, count in zip(self.modes.variance(torques.noise), torques.windows, strict=True):
-            found += count * (np.log((variance + self.reading * gain) / (variance + through * gain)) @ torques.read)
+            found += count * (np.log((variance + nominal * gain) / (variance + through * gain)) @ torques.read)
         return found
 
     def log_volume_slope(self, c: Candidate, torques: Torques) -> Values:

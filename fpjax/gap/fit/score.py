@@ -133,11 +133,10 @@ def _missing(
     # d = V diag(1 / sqrt(lambda)) c, filtered; V is orthonormal, so that squares of coefficients add up.
     scale, modes = fitter.torque_scale(c), search.modes
     still = modes.variance(np.zeros(1))[0]  # what no loop answers, shape (modes,)
-    read = np.where(modes.sensor, 0.0, modes.gain) * fitter.noise_through(c.vector[None])[0]
     for p in parts:
         noise = fitter.noise[p.which][p.windows]
         weight = search.measure.weight(noise, scale)
-        each = modes.plain(p.c) ** 2 - search.real_noise * noise[:, None] - read
+        each = modes.plain(p.c) ** 2 - search.real_noise * noise[:, None]
         if np.any(still > 0.0):
             # What the nominal model leaves and no loop answers may be what this one explains (a load that rattles):
             # then it is no noise, and taken out it would hide what the model lacks in other octaves.
