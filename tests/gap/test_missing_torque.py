@@ -13,7 +13,6 @@ from fpjax.gap import EFFECTS
 from fpjax.gap.answer.curves import curves_of, named_share
 from fpjax.gap.fit import search as search_module
 from fpjax.gap.fit.candidate import Start
-from fpjax.gap.fit.response import Torques
 from fpjax.gap.select.dominant import dominant
 from fpjax.gap.verb import make_search
 
@@ -87,22 +86,49 @@ def test_what_a_sluggish_model_leaves_is_read_as_the_larger_torque_that_it_is(ha
     assert scale(hanging, inertia=2.0 * own.inertia, viscous=2.0 * own.viscous, gain=2.0)[0] == pytest.approx(1.0)
     # The volume of torques counts where a torque is seen above the noise, and is not small beside the inertial torque.
     torques = np.where(fitter.modes.sensor, 0.0, 3.0)
-    nothing, none = np.zeros_like(torques), np.zeros(0)
-    light = scale(hanging, inertia=0.5 * own.inertia)[2]
+    nothing = np.zeros_like(torques)
     late = scale(hanging, actuator_lag=0.05)[2]
-    assert fitter.log_volume(c, Torques(nothing, nothing, nothing, none, none)) == 0.0
+    light = scale(hanging, inertia=0.5 * own.inertia)[2]
+    assert fitter.log_volume(c, np.stack([nothing, nothing])) == 0.0
     for made, imposed in ((torques, nothing), (nothing, torques)):
-        counted = Torques(made, imposed, nothing, none, none)
-        assert fitter.log_volume(c, counted) > 0.0
-        # Where a motion is imposed, a light mass is not favoured for answering more, nor a lag for answering less.
-        assert (fitter.log_volume(light, counted) < 0.0) == bool(np.any(made))
-        assert (fitter.log_volume(late, counted) > 0.0) == bool(np.any(imposed))
+        assert fitter.log_volume(c, np.stack([made, imposed])) > 0.0
+        # Where a motion is imposed, a light mass is not favoured for answering more.
+        assert (fitter.log_volume(light, np.stack([made, imposed])) < 0.0) == bool(np.any(made))
+        # A loop's answer passes the actuator's lag; what acts on the mass does not.
+        assert (fitter.log_volume(late, np.stack([made, imposed])) > 0.0) == bool(np.any(imposed))
     few, some = (fitter.torques(replace(c, level=np.full(fitter.modes.bands, q)), hanging.train) for q in (1e-9, 0.1))
     windows = sum(len(chosen) for chosen in hanging.train)
     # A level far below the noise counts no torque; where the torque makes the motion, half of the windows count.
-    assert max(few.made[0], few.imposed[0]) < 0.01 * windows
-    assert 0.4 * windows < some.made[0] <= 0.5 * windows
-    assert some.imposed[0] < 0.1 * windows
+    assert np.max(few[:, 0]) < 0.01 * windows
+    assert 0.4 * windows < some[0, 0] <= 0.5 * windows
+    assert some[1, 0] < 0.1 * windows
+
+
+def test_a_lag_that_the_nominal_model_has_lets_a_loops_answer_pass_as_before():
+    log = numpy_machine.record(seconds=3.0, sensors=("position",))
+    known = make_search([log], [], load_model(gap_search.MODEL + "[actuator]\nlag = 0.02\n"))
+    imposed = np.where(known.modes.sensor, 0.0, 3.0)
+    volumes = []
+    for lag in (0.02, 0.03):
+        _, fitter, c = scale(known, actuator_lag=lag)
+        volumes.append(fitter.log_volume(c, np.stack([np.zeros_like(imposed), imposed])))
+    assert volumes[0] == pytest.approx(0.0, abs=1e-9)
+    assert volumes[1] > 0.0
+
+
+@pytest.mark.parametrize("forwards", [True, False])
+def test_a_log_of_one_direction_has_the_damping_of_its_side(forwards):
+    """With the mean of both sides a friction that drives in the other direction passed for no damping at all."""
+    one = numpy_machine.record(seconds=3.0, sensors=("position",), reference=np.full(3000, 3.0 if forwards else -3.0))
+    search = gap_search.search_of(one)
+    friction = effect("asymmetric_friction")
+    more = search.setting.viscous + 1.0
+    values = {"viscous": 0.5 * more, "viscous_difference": 0.5 * more if forwards else -0.5 * more}
+    sides = search.candidate(Start((friction,), (), values))
+    alike = search.candidate(Start((friction,), (), {"viscous": more, "viscous_difference": 0.0}))
+    own = search.fitters[sides.family.key]
+    assert own.lost_response(sides) == pytest.approx(own.lost_response(alike), rel=0.05)
+    assert own.lost_response(alike).max() > 2.0
 
 
 def test_a_reading_that_lags_shows_less_of_a_missing_torque():

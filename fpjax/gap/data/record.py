@@ -16,7 +16,6 @@ from ...logs.noise import is_derived
 from .channel import Channel, common_noise, make_channel
 from .motion import encoder_rate, motion
 from .split import every_fourth
-from .torque_noise import torque_noise
 
 SECONDS = (0.5, 1.0)  # bounds of a window's length [s], within which it is the mean time between two reversals
 RESOLVED = 0.02  # of the torque's rms: standard deviation with which a window should resolve a constant torque
@@ -58,8 +57,6 @@ class Record:
         samples: length of every window.
         withheld: whether a window is never fitted, shape (windows,), bool.
         runs: factor on the variance of the readings in a window, for repeated readings [1], shape (windows,).
-        torque_noise: standard deviation of a measured torque's white noise [N m] (`fpjax.gap.data.torque_noise`).
-        resampled: whether the torque was resampled, which takes some of that noise.
         since: from the start of the recording to the first sample [s]; above 0 for a stretch after a pause.
         recorded: number of samples of the whole log. Of a long one the arrays hold stretches only, and `time` jumps
             between them.
@@ -85,8 +82,6 @@ class Record:
     samples: int
     withheld: Bool[Values, " windows"]
     runs: Float[Values, " windows"]
-    torque_noise: float
-    resampled: bool
     since: float
     recorded: int
 
@@ -291,8 +286,6 @@ def _record(
         samples,
         withheld,
         main.runs(starts, samples),
-        torque_noise(log),
-        bool(log.resampled),
         log.since,
         len(log.time),
     )

@@ -61,26 +61,6 @@ def unanswered(modes: Modes, level: Values, there: Values) -> Values:
     return found
 
 
-def share_of_reading(modes: Modes, level: Values, through: Values) -> float:
-    """Share of a measured torque's noise [1], at most 1, that the level of a fit has room for in every octave.
-
-    What is white in a measured torque may have acted on the machine (a loop answers its sensor's noise), which then
-    followed it: a fit leaves less than it would make as noise.
-
-    Args:
-        modes: of a window.
-        level: most likely q by octave of the nominal model, its numbers free, shape (bands,) [N m].
-        through: mean square by mode of the missing torque that the noise would make [N^2 m^2], shape (modes,).
-    """
-    squares, seen = modes.by_octave(through), through * modes.gain > modes.variance(np.ones(1))[0]
-    shares = [1.0]
-    for band in range(modes.bands):
-        own = (modes.band == band) & ~modes.sensor & (squares > 0.0)
-        if np.any(own) and np.mean(seen[own]) > 0.5:
-            shares.append(float(level[band] / np.sqrt(squares[own][0])))
-    return min(shares)
-
-
 def real_noise(modes: Modes, level: Values, coefficients: Coefficients) -> float:
     """Measured over assumed variance of the sensors' noise, from modes that hold hardly any torque [1].
 

@@ -5,13 +5,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ...blocks.plants.transmission import Transmission
 from ...logs.arrays import Values
 from ..data.record import Record
 from ..data.setting import Setting
 from ..effects.effect import Effect
 from ..effects.parameters import UNBALANCE
-from ..effects.vocabulary import resonance_of, stiffness_of
 from ..simulate.family import Family
 
 # Priors of the nominal values, a spike and a slab as in George and McCulloch, "Variable selection via Gibbs sampling"
@@ -214,15 +212,6 @@ def make_candidate(
         tuple(effects), frozenset(wide) - set(own), family, vector, free, low, high, center, spread, scale, reach,
         states, hidden,
     )  # fmt: skip
-
-
-def shaft_of(c: Candidate) -> tuple[float, float]:
-    """(stiffness [N m/rad], resonance [Hz]) of a candidate's shaft: its own, or that of two nominal masses."""
-    values, plant = c.values(), c.family.machine.plant
-    if "frequency" in values:
-        return float(stiffness_of(values)), float(resonance_of(values))
-    assert isinstance(plant, Transmission)
-    return float(plant.stiffness), float(plant.resonance())
 
 
 def held(c: Candidate) -> Candidate:

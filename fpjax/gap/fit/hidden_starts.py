@@ -179,7 +179,7 @@ def _costs(fitter: Fitter, candidates: Sequence[Candidate], which: int, chosen: 
     found = []
     for c, out in zip(candidates, fitter.coefficients(candidates, which, chosen), strict=True):
         if not len(c.level):
-            c.level, c.white = fitter.best_level(c, [(which, chosen, out)], white=True), True
+            c.level, c.white = fitter.best_level([(which, chosen, out)], white=True), True
         cost = fitter.window_costs(c, which, chosen, out) + fitter.state_prior(c, which, chosen)
         found.append(np.where(np.isfinite(cost), cost, np.inf))
     return found

@@ -14,13 +14,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...blocks.plants.transmission import Transmission
 from ...logs.arrays import Values
 from ..data.setting import Setting
+from ..effects.vocabulary import resonance_of, stiffness_of
 from ..simulate.family import Runner, window_fields
 from .bounded import bounded_steps
-from .candidate import Candidate, shaft_of
+from .candidate import Candidate
 from .modes import COMPARED, Modes
-from .response import Response, Torques, Windows
+from .response import Response, Windows
 
 DAMPINGS = (1e-6, 1e-2, 1.0, 100.0)  # tried side by side, times the candidate's own damping
 # Prior standard deviations of start values about their estimates.
@@ -88,7 +90,7 @@ class Fitter(Response):
         if structure == "bristles":
             found.append(BRISTLE if hidden else 0.0)
         if structure == "transmission":
-            stiffness, frequency = shaft_of(c)
+            stiffness, frequency = _shaft(c)
             twist = LOADED * self.setting.friction / stiffness
             found += [twist, twist * 2.0 * np.pi * frequency] if hidden else [0.0, 0.0]
         return np.array(found)
@@ -174,9 +176,9 @@ class Fitter(Response):
 
     # --- levels and costs
 
-    def best_level(self, c: Candidate, parts: Sequence[tuple[int, Values, Values]], *, white: bool) -> Values:
+    def best_level(self, parts: Sequence[tuple[int, Values, Values]], *, white: bool) -> Values:
         """The most likely q by octave [N m], shape (bands,), of a candidate's parts (record, windows, coefficients)."""
-        return np.maximum(self.modes.best_level(*self._joined(parts), white=white), self.reading_level(c))
+        return self.modes.best_level(*self._joined(parts), white=white)
 
     def best_noise(self, parts: Sequence[tuple[int, Values, Values]]) -> float:
         """The most likely factor on the sensors' noise standard deviation [1], of the same arguments."""
@@ -201,12 +203,12 @@ class Fitter(Response):
         """Twice the negative log prior of the free parameters."""
         return float(np.sum(((c.vector[c.free] - c.center) / c.spread) ** 2))
 
-    def _cost(self, c: Candidate, parts: Sequence[tuple[int, Values, Values]], torques: Torques) -> float:
+    def _cost(self, c: Candidate, parts: Sequence[tuple[int, Values, Values]], torques: Values) -> float:
         """The cost of a candidate at its level, of its parts (record, windows, coefficients) and counted torques."""
         windows = sum(float(np.sum(self.window_costs(c, which, chosen, found))) for which, chosen, found in parts)
         return windows + self._beside_windows(c, [(which, chosen) for which, chosen, _ in parts], torques)
 
-    def _beside_windows(self, c: Candidate, parts: Sequence[tuple[int, Values]], torques: Torques) -> float:
+    def _beside_windows(self, c: Candidate, parts: Sequence[tuple[int, Values]], torques: Values) -> float:
         """The part of the cost that the readings have none in: priors of parameters and start values, the volume."""
         states = sum(float(np.sum(self.state_prior(c, which, chosen))) for which, chosen in parts)
         return states + self.parameter_prior(c) + self.log_volume(c, torques)
@@ -225,7 +227,7 @@ class Fitter(Response):
                 for own, found in zip(parts, self.coefficients(candidates, which, chosen), strict=True):
                     own.append((which, chosen, found))
         for c, own in zip(candidates, parts, strict=True):
-            c.white, c.level = white, self.best_level(c, own, white=white)
+            c.white, c.level = white, self.best_level(own, white=white)
             cost = self._cost(c, own, self.torques(c, windows))
             c.cost = cost if np.isfinite(cost) else np.inf
 
@@ -262,14 +264,14 @@ class Fitter(Response):
         for c, parts in zip(active, linear, strict=True):
             if adapt:
                 c.white = white
-                c.level = self.best_level(c, [(p.which, p.windows, p.c) for p in parts], white=white)
+                c.level = self.best_level([(p.which, p.windows, p.c) for p in parts], white=white)
             torques = self.torques(c, windows)
             each = [(self.noise[p.which][p.windows], p.c) for p in parts]
             weighed = [self.modes.cost_and_precision(c.level, *one, white=c.white) for one in each]
             beside = self._beside_windows(c, [(p.which, p.windows) for p in parts], torques)
             cost = beside + sum(float(np.sum(own)) for own, _ in weighed)
             # The level's fall since the last step is a gain as well, and tells of more to come.
-            fell.append(max(c.cost - cost, 0.0) if id(c) in known and np.isfinite(c.cost) else 0.0)
+            fell.append(max(c.cost - cost, 0.0) if np.isfinite(c.cost) else 0.0)
             c.cost = cost if np.isfinite(cost) else np.inf  # a simulation that diverges
             own = self._steps(c, parts, [w for _, w in weighed], c.damping * np.array(DAMPINGS), torques)
             trials.append(own)
@@ -306,7 +308,7 @@ class Fitter(Response):
         return after
 
     def _steps(
-        self, c: Candidate, parts: list[Linear], weights: list[Values], dampings: Values, torques: Torques
+        self, c: Candidate, parts: list[Linear], weights: list[Values], dampings: Values, torques: Values
     ) -> list[Candidate]:
         """Copies of the candidate after one step, one for each damping; `weights` are the parts' `Modes.precision`."""
         count = len(c.free)
@@ -387,3 +389,12 @@ class Fitter(Response):
         pull = (weighted.transpose(0, 2, 1) @ here[:, :, None])[:, :, 0]
         pull[:, len(c.free) :] += (c.states[part.which][live][:, part.windows] / deviation[live][:, None]).T
         return products, pull, deviation, live
+
+
+def _shaft(c: Candidate) -> tuple[float, float]:
+    """(stiffness [N m/rad], resonance [Hz]) of a candidate's shaft: its own, or that of two nominal masses."""
+    values, plant = c.values(), c.family.machine.plant
+    if "frequency" in values:
+        return float(stiffness_of(values)), float(resonance_of(values))
+    assert isinstance(plant, Transmission)
+    return float(plant.stiffness), float(plant.resonance())

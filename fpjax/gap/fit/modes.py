@@ -190,14 +190,6 @@ class Modes:
         first = self._first_modes
         return np.add.reduceat(np.asarray(some, float), first) / np.diff(np.append(first, len(self.tile)))
 
-    def by_octave(self, some: Values) -> Values:
-        """Mean in its octave of a number of each mode that holds torque, 0 for others, (..., modes)."""
-        found = np.zeros(np.shape(some))
-        for band in np.unique(self.band[~self.sensor]):
-            own = (self.band == band) & ~self.sensor
-            found[..., own] = np.mean(some[..., own], axis=-1, keepdims=True)
-        return found
-
     def _costs(self, level: Values, noise: Values, coefficients: Values, white: bool) -> Values:
         """`cost` by tile, or by side if white."""
         order = np.argsort(noise, kind="stable")

@@ -6,14 +6,12 @@ frequency responses.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from ...logs.arrays import Values
 from ..data.record import Record, joints
 from ..data.setting import Setting
-from ..data.torque_noise import kept_noise
 from ..simulate.family import Runner
 from .candidate import Candidate
 from .modes import Modes
@@ -26,25 +24,6 @@ RESPONSE = (
 LEAST_PASSED = 0.05  # least share of a torque that is taken to pass a limit, dead zone or loaded gear: never none [1]
 
 Windows = Sequence[Values]
-
-
-@dataclass(frozen=True)
-class Torques:
-    """Coefficients that count as torques instead of motions, for `Response.log_volume`.
-
-    Attributes:
-        made: number of them in each mode, of motions that the torque makes, shape (modes,).
-        imposed: likewise, of motions that a loop imposes, shape (modes,).
-        read: share of the missing torque that is the noise of a measured torque [1], shape (modes,).
-        noise: s^2 of the windows [1], each value once, shape (kinds,).
-        windows: number of windows with that value, shape (kinds,).
-    """
-
-    made: Values
-    imposed: Values
-    read: Values
-    noise: Values
-    windows: Values
 
 
 class Response:
@@ -68,9 +47,6 @@ class Response:
         self.forwards = float(np.sum(speed) / max(np.sum(np.abs(speed)), 1e-300))
         self.inertial = self._mean_squares([self.setting.inertia * record.acceleration for record in self.records])
         self.commanded = self._mean_squares([record.torque for record in self.records])
-        # Variance of a measured torque's noise in each mode [N^2 m^2].
-        read = [r.torque_noise**2 * kept_noise(modes.frequency, r.dt, r.resampled) for r in self.records]
-        self.reading = np.where(modes.sensor, 0.0, np.mean(read, axis=0))
         self.changes = [self._changes(record) for record in self.records]
         self.answering = np.mean(np.concatenate(self.changes), axis=0)
         # A reading's scale and lag change the response where the rate reading alone shows the motion.
@@ -91,7 +67,12 @@ class Response:
         modes, squares = self.modes, []
         for record, torque in zip(self.records, torques, strict=True):
             squares.append((torque[record.rows()] @ modes.torque) ** 2)
-        return modes.by_octave(np.mean(np.concatenate(squares), axis=0))
+        each = np.mean(np.concatenate(squares), axis=0)
+        found = np.zeros(len(each))
+        for band in np.unique(modes.band[~modes.sensor]):
+            own = (modes.band == band) & ~modes.sensor
+            found[own] = np.mean(each[own])
+        return found
 
     def _changes(self, record: Record) -> Values:
         """Mean square by octave [N^2 m^2] of how the command changes about each window, shape (windows, modes).
@@ -111,26 +92,30 @@ class Response:
             torque = record.torque[np.where((first == last)[:, None], rows + shift, rows)]
             torque = (torque - np.mean(torque, axis=1, keepdims=True)) * taper
             squares += share * (torque @ self.modes.torque) ** 2
-        return self.modes.by_octave(np.maximum(squares - self.reading, 0.0) if np.any(self.reading) else squares)
+        for band in np.unique(self.modes.band):
+            own = self.modes.band == band
+            squares[:, own] = np.mean(squares[:, own], axis=1, keepdims=True)
+        return squares
 
-    def torques(self, c: Candidate, windows: Windows) -> Torques:
+    def torques(self, c: Candidate, windows: Windows) -> Values:
         """Effective number of coefficients of each mode that count as torques, for `log_volume`.
 
         Where the torque makes the motion, the likelihood of motions regresses the acceleration on the torque, and that
         of torques the torque on the acceleration. What is missing biases the first towards a heavy mass if it is in the
-        command (chatter that the drive filtered) and the second towards a light one if it acts on the mass. Which of
-        both it does is not known: half of the coefficients count, and the mass is that of the geometric mean regression
-        (Ricker, "Linear regressions in fishery research", 1973). Where a loop imposes the motion, all count. A
-        coefficient counts by its share of missing torque against noise. What is the noise of a measured torque is known
-        to be in the command (`_noise_volumes`).
+        command (a current that was measured, chatter that the drive filtered) and the second towards a light one if it
+        acts on the mass. Which of both it does is not known: half of the coefficients count, and the mass is that of
+        the geometric mean regression (Ricker, "Linear regressions in fishery research", 1973). Where a loop imposes the
+        motion, all count. A coefficient counts by its share of missing torque against noise.
+
+        Returns:
+            Shape (2, modes) [1]: of motions that the torque makes, and of those that are imposed.
         """
         noise = np.concatenate([self.noise[which][chosen] for which, chosen in enumerate(windows)])
         changes = np.concatenate([self.changes[which][chosen] for which, chosen in enumerate(windows)])
         missing = np.maximum(c.level[self.modes.band] ** 2, 1e-300)
-        read = np.minimum(self.noise_through(c.vector[None])[0] / missing, 1.0)
-        seen = np.sum(self.modes.wiener(c.level, noise) * changes / (changes + missing), axis=0) * (1.0 - read)
+        seen = np.sum(self.modes.wiener(c.level, noise) * changes / (changes + missing), axis=0)
         made = self.inertial / (self.inertial + missing)
-        return Torques(0.5 * made * seen, (1.0 - made) * seen, read, *np.unique(noise, return_counts=True))
+        return seen * np.stack([0.5 * made, 1.0 - made])
 
     def imposed(self, level: Values) -> Values:
         """Share of the motion that is imposed by a loop, which answers a missing torque with the command [1], (modes,).
@@ -168,7 +153,7 @@ class Response:
         return np.where(self.modes.sensor, 1.0, self._nominal / self._response(vectors))
 
     def _lost_of_command(self, vectors: Values) -> Values:
-        """`_lost` of a torque in the command, which an actuator's lag holds back too, shape (vectors, modes)."""
+        """`_lost` of a loop's answer, which passes the actuator's lag before it moves the mass, (vectors, modes)."""
         lost, at = self._lost(vectors), self._places.get("actuator_lag")
         if at is None:
             return lost
@@ -198,62 +183,23 @@ class Response:
         motion = self.modes.response(inertia, np.maximum(viscous, 0.0), gain * of("scale", 1.0) * passed, self.guide)
         return motion / np.sqrt(1.0 + turned**2)
 
-    def noise_through(self, vectors: Values) -> Values:
-        """Mean square by mode [N^2 m^2], as `Modes` infers it, of the missing torque that a measured torque's noise
-        makes in the simulations that it drives, of parameter vectors, shape (vectors, modes).
-        """
-        if not np.any(self.reading):
-            return np.zeros((len(vectors), len(self.reading)))
-        square, at = (2.0 * np.pi * self.modes.frequency) ** 2, self._places.get("actuator_lag")
-        late = 0.0 if at is None else square * vectors[:, at, None] ** 2
-        # `Modes` infers it through the nominal mass and its viscous friction, without gain, limit or lag.
-        mass = np.array([self.setting.inertia])
-        passed = self._response(vectors) / self.modes.response(
-            mass, self.setting.damping * mass, np.ones(1), self.guide
-        )
-        return np.where(self.modes.sensor, 0.0, self.reading * passed**2 / (1.0 + late))
-
-    def reading_level(self, c: Candidate) -> Values:
-        """Least level by octave of a candidate's missing torque [N m], shape (bands,): a measured torque's noise."""
-        found, torque = np.zeros(self.modes.bands), ~self.modes.sensor
-        if np.any(self.reading):
-            found[self.modes.band[torque]] = np.sqrt(
-                self.modes.by_octave(self.noise_through(c.vector[None])[0])[torque]
-            )
-        return found
-
-    def log_volume(self, c: Candidate, torques: Torques) -> float:
+    def log_volume(self, c: Candidate, torques: Values) -> float:
         """Twice the negative log of the Jacobian from torques to motion, over the `torques` counted in each mode.
 
         A likelihood of torques instead of motions: without it, a model that responds less is favoured. Where the motion
-        is imposed, one that responds more than the nominal model is not favoured either: that tells nothing of a mass.
+        is imposed, one that responds more than the nominal model is not favoured either: that tells nothing of a mass;
+        and the command is a loop's answer, of which an actuator that lags lets less through.
         """
         return float(self.log_volumes(c.vector[None], torques)[0])
 
-    def log_volumes(self, vectors: Values, torques: Torques) -> Values:
+    def log_volumes(self, vectors: Values, torques: Values) -> Values:
         """`log_volume` of parameter vectors, (vectors, parameters), shape (vectors,)."""
-        found = self._noise_volumes(self.noise_through(vectors), torques)
-        if np.any(torques.made > 0.0) or np.any(torques.imposed > 0.0):
-            lost, answer = np.log(self._lost(vectors)), np.log(self._lost_of_command(vectors))
-            found += 2.0 * (lost @ torques.made + np.maximum(answer, 0.0) @ torques.imposed)
-        return found
+        if not np.any(torques > 0.0):
+            return np.zeros(len(vectors))
+        lost, answer = np.log(self._lost(vectors)), np.log(self._lost_of_command(vectors))
+        return 2.0 * (lost @ torques[0] + np.maximum(answer, 0.0) @ torques[1])
 
-    def _noise_volumes(self, through: Values, torques: Torques) -> Values:
-        """The part of `log_volumes` that is due to the noise of a measured torque, of `noise_through` by mode.
-
-        Integrated out under a flat law of the true torque, that noise leaves a term of its variance in the motion,
-        log(s^2 + n^2 lambda), by which a model is likelier that lets less of it through: a lag of the actuator, at its
-        bound, for a filter. Maximised over the true torque instead (total least squares), the term is not there.
-        """
-        if not np.any(torques.read > 0.0):
-            return np.zeros(len(through))
-        gain, found = np.where(self.modes.sensor, 0.0, self.modes.gain), np.zeros(len(through))
-        nominal = self.noise_through(self.family.neutral(self.setting)[None])[0]
-        for variance, count in zip(self.modes.variance(torques.noise), torques.windows, strict=True):
-            found += count * (np.log((variance + nominal * gain) / (variance + through * gain)) @ torques.read)
-        return found
-
-    def log_volume_slope(self, c: Candidate, torques: Torques) -> Values:
+    def log_volume_slope(self, c: Candidate, torques: Values) -> Values:
         """Half the gradient of `log_volume` by the free parameters in units of their scale, shape (free,)."""
         found = np.zeros(len(c.free))
         places = [k for k, index in enumerate(c.free) if c.family.parameters[index].name in RESPONSE]

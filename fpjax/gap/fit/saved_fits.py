@@ -215,9 +215,7 @@ def key_of(logs: Sequence[Log], withheld: Sequence[Log], model: Model, effects: 
     for leaf in jax.tree.leaves(model.loop):  # the blocks may have been changed since the text was read
         digest.update(np.asarray(leaf).tobytes())
     for log in (*logs, *withheld):
-        digest.update(
-            f"{log.name} {log.dt!r} {log.linear} {log.torque_measured} {log.torque_step!r} {log.resampled}".encode()
-        )
+        digest.update(f"{log.name} {log.dt!r} {log.linear} {log.torque_measured} {log.torque_step!r}".encode())
         for name, values in {**log.columns(), **log.extra}.items():
             digest.update(name.encode())
             digest.update(values.astype("<f8").tobytes())

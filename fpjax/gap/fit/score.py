@@ -59,14 +59,14 @@ def _scores(search: Scoring, candidates: Sequence[Candidate]) -> list[Fit]:
     every = fitter.linearise(candidates, search.train)
     still = []
     for c, parts in zip(candidates, every, strict=True):
-        c.level, c.white = fitter.best_level(c, [(p.which, p.windows, p.c) for p in parts], white=False), False
+        c.level, c.white = fitter.best_level([(p.which, p.windows, p.c) for p in parts], white=False), False
         still.append(held(c))  # on withheld windows the start values alone are fitted
     left_out, fits, judge = _withheld_parts(search, still, fitter), [], fitter.judging
     for c, fixed, parts, withheld in zip(candidates, still, every, left_out, strict=True):
         # The level is not a parameter of the machine, so that all windows may determine it. If the fitted ones alone
         # set it to zero, a small missing torque in a withheld window would have to be sensor noise.
         everywhere = [(p.which, p.windows, p.c) for p in (*parts, *withheld)]
-        c.level, level = (one.best_level(c, everywhere, white=False) for one in (fitter, judge))
+        c.level, level = fitter.best_level(everywhere, white=False), judge.best_level(everywhere, white=False)
         evidence = _log_evidence(search, replace(c, level=level), judge, parts)
         if withheld:
             evidence += _log_evidence(search, replace(fixed, level=level), judge, withheld)

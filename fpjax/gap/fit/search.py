@@ -15,7 +15,7 @@ from ..data.tables import Tables
 from ..effects.effect import Effect
 from ..simulate.family import Family, Key, Nominal, Runner, key_for, make_family
 from ..simulate.hidden_states import HiddenStates
-from .band import highest_of_speed, level_with_bursts, real_noise, share_of_reading, unanswered
+from .band import highest_of_speed, level_with_bursts, real_noise, unanswered
 from .candidate import NOMINAL, Candidate, Fit, Start, make_candidate
 from .guide import guide_bandwidth
 from .hidden_starts import estimate_hidden_states, fit_hidden_states
@@ -77,10 +77,6 @@ class Search:
         if np.any(noisy := self._unanswered(base)):
             self._begin(replace(self.modes, unanswered=noisy))
             base = self._base(wide=NOMINAL)
-        if (share := self._share_of_reading(base)) < 1.0:
-            self.records = records = [replace(r, torque_noise=share * r.torque_noise) for r in records]
-            self._begin(self.modes)
-            base = self._base(wide=NOMINAL)
         self.moves = 1.0 / (1.0 + (self.modes.frequency / highest_of_speed(records)) ** 2)
         """Weight of a torque's energy by its influence on the motion [1], shape (modes,): above the frequencies of the
         log's speed a torque moves the machine less and less, and noise looks like more and more torque."""
@@ -129,17 +125,6 @@ class Search:
         """What the readings hold beyond noise that is no torque, by octave [N m], beside a fit of the nominal model."""
         fitter = self.fitters[base.family.key]
         return unanswered(self.modes, base.level, fitter.commanded + fitter.inertial)
-
-    def _share_of_reading(self, base: Candidate) -> float:
-        """Share of a measured torque's noise [1] that a fit of the nominal model has room for."""
-        fitter = self.fitters[base.family.key]
-        if not np.any(fitter.reading):
-            return 1.0
-        used = [(which, chosen) for which, chosen in enumerate(self.train) if len(chosen)]
-        found = [fitter.coefficients([base], which, chosen)[0] for which, chosen in used]
-        noise = [fitter.noise[which][chosen] for which, chosen in used]
-        level = self.modes.best_level(np.concatenate(noise), np.concatenate(found), white=False)
-        return share_of_reading(self.modes, level, fitter.noise_through(base.vector[None])[0])
 
     def _split_fairly(self) -> bool:
         """Withhold other windows where those that are withheld, or those that are not, hold hardly any of the gap.

@@ -25,7 +25,6 @@ from .weighed import (
     judged_windows,
     moving_windows,
     settled,
-    unread_torque,
     weigh,
     weighed_fit,
     whole_gap,
@@ -110,8 +109,7 @@ def decide(
 
     first = fit_alone(search, stage) if first is None else first
     given, fits = first.given, first.fits
-    judged = judged_windows(given, fits, moving_windows(search.records))
-    exact = Exact(given, judged, curves or {}, unread=unread_torque(search))
+    exact = Exact(given, judged_windows(given, fits, moving_windows(search.records)), curves or {})
     weighed = weigh(search, exact, fits)
     nominal = next(w for w in weighed if not w.structural)
     singles = [w for w in weighed if w.structural]
@@ -191,7 +189,7 @@ def by_numbers(search: Search, decision: Decision, *, moving: bool = False) -> D
         decision: with effects.
         moving: whether missing torque counts as far as it moves the machine alone.
     """
-    exact = Exact(decision.exact, decision.judged, moving=moving, unread=unread_torque(search))
+    exact = Exact(decision.exact, decision.judged, moving=moving)
     nominal = weighed_fit(search, exact, decision.nominal.fit, decision.nominal.evidence)
     numbers, singles = settled(search, exact, nominal), decision.singles
     if moving:  # what competes is weighed alike

@@ -11,7 +11,7 @@ from ..fit.search import Search
 from ..thresholds import THRESHOLDS
 from .decision import Alone, Decision
 from .detectability import resolved
-from .weighed import Exact, judged_windows, moving_windows, unread_torque
+from .weighed import Exact, judged_windows, moving_windows
 
 Key = TypeVar("Key")
 (DELAY,) = (parameter.name for parameter in LATE_TORQUE.parameters)
@@ -32,8 +32,7 @@ def late_beside_numbers(search: Search, first: Alone) -> float:
         first: its fits of the numbers and of every effect alone.
     """
     numbers = max((fit for fit in first.fits if not fit.candidate.structural), key=lambda fit: fit.evidence)
-    judged = judged_windows(first.given, first.fits, moving_windows(search.records))
-    exact = Exact(first.given, judged, unread=unread_torque(search))
+    exact = Exact(first.given, judged_windows(first.given, first.fits, moving_windows(search.records)))
     late = _late(search, exact, numbers, numbers.evidence - len(NOMINAL), [], 1.0 - THRESHOLDS.removes)
     if late is None:
         return 0.0
@@ -52,7 +51,7 @@ def late_torque(search: Search, decision: Decision) -> float:
         search: of the logs.
         decision: on its fits.
     """
-    c, exact = decision.chosen.fit.candidate, Exact(decision.exact, decision.judged, unread=unread_torque(search))
+    c, exact = decision.chosen.fit.candidate, Exact(decision.exact, decision.judged)
     beside = [Start((*c.effects, LATE_TORQUE), tuple(c.wide), {**c.values(), **one}, c) for one in _late_by(search)]
     chosen = decision.chosen.fit
     late = _late(search, exact, chosen, chosen.evidence - len(chosen.candidate.wide), beside, THRESHOLDS.part**2)

@@ -66,29 +66,16 @@ class Exact:
         judged: windows on which models are compared, one array of indices a record.
         curves: what a table of each recorded variable holds.
         moving: whether missing torque counts as far as it moves the machine alone.
-        unread: least missing torque [N m] of a model with a shaft, a gap or bristles (`unread_torque`).
     """
 
     fit: Fit
     judged: tuple[Values, ...]
     curves: Mapping[str, Curve] = field(default_factory=dict)
     moving: bool = False
-    unread: float = 0.0
 
     def left(self, fit: Fit) -> float:
         """Missing torque of a model [N m], rms over the judged windows."""
-        left = fit.missing_rms(self.judged, moving=self.moving)
-        return left if self.unread == 0.0 or fit.candidate.family.key[0] == "rigid" else max(left, self.unread)
-
-
-def unread_torque(search: Search) -> float:
-    """Missing torque [N m] that the noise of a measured torque makes beside the nominal model.
-
-    A gap or a soft shaft that lets none of it through would leave less, and seem to explain it.
-    """
-    modes, fitter = search.modes, search.fitters[search.exact.family.key]
-    weight = search.measure.weight(np.ones(1), np.ones(len(modes.gain)))[0] * np.where(modes.sensor, 0.0, modes.gain)
-    return float(np.sqrt(np.sum(weight * fitter.noise_through(search.exact.vector[None])[0])))
+        return fit.missing_rms(self.judged, moving=self.moving)
 
 
 def judged_windows(
