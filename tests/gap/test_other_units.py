@@ -12,7 +12,7 @@ import fpjax as fp
 from fpjax import InputError
 from fpjax.gap.answer.warning_texts import at_bounds
 from fpjax.gap.data.inputs import on_one_clock
-from fpjax.gap.fit.search import Search
+from fpjax.gap.fit.course_starts import longest_log, widest_log
 from fpjax.logs.mending.resample import at_period
 from fpjax.model_file import Units
 
@@ -78,6 +78,6 @@ def test_a_bound_is_told_in_the_model_files_units():
 
 def test_a_ripple_is_looked_for_in_the_log_that_travels_furthest():
     short, wide, unseen = (SimpleNamespace(angle=np.linspace(0.0, end, 9)) for end in (0.2, 20.0, 90.0))
-    search = SimpleNamespace(records=[short, wide, unseen], train=[np.arange(8), np.arange(3), np.arange(0)])
-    assert Search._widest(search) == 1
-    assert Search._longest(search) == 0
+    train = [np.arange(8), np.arange(3), np.arange(0)]
+    assert widest_log([short, wide, unseen], train) == 1
+    assert longest_log(train) == 0

@@ -75,7 +75,8 @@ def test_estimates_are_judged_under_the_noise_of_the_sensor():
         return tuning.tune(noisy, fp.Sine(1.0, 0.5), parameters=GAINS, **(COARSE | {"duration": 0.5}))
 
     clean, rough = tuned(0.0), tuned(0.1)
-    assert clean.noisy_cost == pytest.approx(clean.cost, rel=1e-6)
+    # Judged by one program. The search's own differs by rounding, which gains near the stability limit amplify.
+    assert clean.noisy_cost == pytest.approx(clean.mean, rel=1e-9)
     assert not any("noise" in note for note in clean.notes)
     assert rough.gains["observer.gain_1"] < 0.1 * clean.gains["observer.gain_1"]
     assert rough.notes[0].startswith("tuned under the sensor's noise")

@@ -96,7 +96,7 @@ def estimates(
     """
     c, setting = fit.candidate, setting or search.setting
     if effect.structure == "transmission" and c.values().get(HARDENING.name, 0.0) > 0.0:
-        setting = replace(setting, shaft=search.shaft_torque(c))
+        setting = replace(setting, shaft=_shaft_torque(search, c))
     values, units = c.values(), setting.units
     center = effect.describe(values, setting)
     if spread is None:
@@ -167,3 +167,12 @@ def _inverse(matrix: Values) -> Values:
     """Inverse of a positive semidefinite matrix, scaled to a unit diagonal first: its entries have mixed units."""
     size = np.sqrt(np.maximum(np.diag(matrix), 1e-30))
     return np.linalg.pinv(matrix / size[:, None] / size, rcond=1e-12, hermitian=True) / size[:, None] / size
+
+
+def _shaft_torque(search: Search, c: Candidate) -> Values:
+    """Torque of a candidate's shaft [N m] along all logs, the measured motion imposed on the side that has the sensor,
+    shape (samples of all logs,); a zero where it diverges.
+    """
+    shafts = search.hidden_states[c.family.key].shafts
+    torque = np.concatenate([shafts(c.vector[:, None], which)[:, 0] for which in range(len(search.records))])
+    return torque if np.all(np.isfinite(torque)) else np.zeros(1)

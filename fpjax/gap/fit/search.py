@@ -17,6 +17,7 @@ from ..simulate.family import Family, Key, Nominal, Runner, key_for, make_family
 from ..simulate.hidden_states import HiddenStates
 from .band import highest_of_speed, level_with_bursts, real_noise, unanswered
 from .candidate import NOMINAL, Candidate, Fit, Start, make_candidate
+from .course_starts import longest_log, with_course_starts, without_numbers
 from .guide import guide_bandwidth
 from .hidden_starts import estimate_hidden_states, fit_hidden_states
 from .imposed_motion import ImposedMotion
@@ -25,11 +26,9 @@ from .least_squares import Fitter
 from .make_modes import make_modes
 from .measure import Measure
 from .modes import Modes
-from .period_starts import repeating_waves, turning_weight
 from .score import scores
 from .screen import few_windows, from_bases, screened
 from .shaft_starts import contact_starts, spring_starts
-from .stribeck_starts import stribeck_rise
 
 # Successive halving: after screening ever fewer sets get ever more steps.
 STAGES = ((3, 40), (4, 14), (8, 8), (25, 6))  # (steps on all fitted windows, number of sets that get them)
@@ -74,7 +73,9 @@ class Search:
             self.guide = firmer
             self._prepare(records, self._material_modes())
             base = self._base(wide=NOMINAL)
-        if np.any(noisy := self._unanswered(base)):
+        # What the readings hold beyond noise that is no torque, beside a fit of the nominal model.
+        fitter = self.fitters[base.family.key]
+        if np.any(noisy := unanswered(self.modes, base.level, fitter.commanded + fitter.inertial)):
             self._begin(replace(self.modes, unanswered=noisy))
             base = self._base(wide=NOMINAL)
         self.moves = 1.0 / (1.0 + (self.modes.frequency / highest_of_speed(records)) ** 2)
@@ -120,11 +121,6 @@ class Search:
         """From the nominal model's level with bursts, else a log with a few pushes would have none."""
         level = level_with_bursts(self.modes, self.exact.level, self._coefficients(self.exact))
         return Measure.of(self.fitters[self.exact.family.key], level)
-
-    def _unanswered(self, base: Candidate) -> Values:
-        """What the readings hold beyond noise that is no torque, by octave [N m], beside a fit of the nominal model."""
-        fitter = self.fitters[base.family.key]
-        return unanswered(self.modes, base.level, fitter.commanded + fitter.inertial)
 
     def _split_fairly(self) -> bool:
         """Withhold other windows where those that are withheld, or those that are not, hold hardly any of the gap.
@@ -195,16 +191,11 @@ class Search:
         return base
 
     def _look_for_starts(self) -> None:
-        """Start values: contacts and springs from the log with most fitted windows, periods and an unbalance from the
-        widest.
-        """
-        which = self._longest()
-        # Periods and contacts beside fitted nominal values; an unbalance beside the given ones, since a free inertia
-        # takes up much of a pendulum's torque.
-        free, given = (self.missing_course(c) for c in (self.base, self.exact))
-        contacts, springs, widest = None, None, self._widest()
+        """Start values: contacts and springs from the log with most fitted windows, and those of courses."""
+        contacts, springs = None, None
         backlash = [effect for effect in self.effects if effect.name == "backlash"]
         if backlash:
+            which = longest_log(self.train)
             hidden_states = self.hidden_states[self.fitter(key_for(tuple(backlash), self.setting)).family.key]
             fitted, as_given = ({name: c.values()[name] for name in NOMINAL} for c in (self.base, self.exact))
             course = self.missing_course(self.base, noisy=True)[which]
@@ -212,13 +203,14 @@ class Search:
             contacts = contact_starts(log)
             # Through the same loop, at no clearance. Without a backlash in the vocabulary springs have plain starts.
             springs = spring_starts(log) if any(effect.name == "compliance" for effect in self.effects) else None
+        # Periods and contacts beside fitted nominal values; an unbalance beside the given ones, since a free inertia
+        # takes up much of a pendulum's torque.
+        free, given, values = self.missing_course(self.base), self.missing_course(self.exact), self.base.values()
         self.setting = replace(
-            self.setting, contacts=contacts, springs=springs,
-            waves=repeating_waves(free[widest], self.records[widest], self.setting),
-            weight=turning_weight(given[widest], self.records[widest]),
-            rise=stribeck_rise(free[which], self.records[which], self.base.values(), self.setting),
+            with_course_starts(self.setting, self.records, self.train, free, values, given),
+            contacts=contacts, springs=springs,
             # A nominal model without friction is no scale for a Stribeck torque or a dead zone.
-            friction=max(self.setting.friction, self.base.values()["coulomb"]),
+            friction=max(self.setting.friction, values["coulomb"]),
         )  # fmt: skip
 
     def setting_beside(self, c: Candidate) -> Setting:
@@ -226,27 +218,9 @@ class Search:
 
         In the nominal model's missing torque the first cause hides them.
         """
-        which = self._widest()
-        courses, longest = self.missing_course(c), self._longest()
-        course, record = courses[which], self.records[which]
-        waves = repeating_waves(course, record, self.setting)
-        rise = stribeck_rise(courses[longest], self.records[longest], c.values(), self.setting)
-        # Their numbers were found beside the nominal model.
-        contacts, springs = (
-            None if some is None else tuple({k: v for k, v in one.items() if k not in NOMINAL} for one in some)
-            for some in (self.setting.contacts, self.setting.springs)
-        )
-        weight = turning_weight(course, record)
-        return replace(self.setting, waves=waves, weight=weight, rise=rise, contacts=contacts, springs=springs)
-
-    def _longest(self) -> int:
-        """Index of the log with the most fitted windows."""
-        return max(range(len(self.records)), key=lambda i: len(self.train[i]))
-
-    def _widest(self) -> int:
-        """Index of the log, of those with fitted windows, that travels furthest: there a torque repeats most often."""
-        fitted = [i for i in range(len(self.records)) if len(self.train[i])]
-        return max(fitted, key=lambda i: float(np.ptp(self.records[i].angle)))
+        contacts, springs = without_numbers(self.setting.contacts), without_numbers(self.setting.springs)
+        beside = with_course_starts(self.setting, self.records, self.train, self.missing_course(c), c.values())
+        return replace(beside, contacts=contacts, springs=springs)
 
     def _needed_guide(self, records: list[Record], base: Candidate) -> float:
         """Bandwidth of the guide [Hz] that a fit of the nominal model needs, whatever guide it was fitted under."""
@@ -293,14 +267,6 @@ class Search:
                     course[record.starts[window] : record.starts[window] + record.samples] = row
             found.append(course)
         return found
-
-    def shaft_torque(self, c: Candidate) -> Values:
-        """Torque of a candidate's shaft [N m] along all logs, the measured motion imposed on the side that has the
-        sensor, shape (samples of all logs,); a zero where it diverges.
-        """
-        shafts = self.hidden_states[c.family.key].shafts
-        torque = np.concatenate([shafts(c.vector[:, None], which)[:, 0] for which in range(len(self.records))])
-        return torque if np.all(np.isfinite(torque)) else np.zeros(1)
 
     # --- fitting
 
