@@ -37,7 +37,7 @@ class Thresholds:
         nothing: missing torque of the nominal model, of the commanded torque's rms [1], below which there is no gap;
             of several logs, in each of them. Of 13 opened logs without a gap (seeds 88 to 94, 206 to 210) the largest
             has 1.1 %, of 150 with one the least 2.1 %.
-        slight: likewise, below which there is no gap if no effect brings evidence either.
+        slight: likewise, below which there is no gap if no effect brings evidence either, or none closes it.
         chance: evidence [nats] that the best of all effects brings where there is nothing to find.
         closes: missing torque that may be left, of the nominal model's [1], for causes to explain the gap; below it
             details alone are looked for. Beside a limit of the torque, of what the drive gives (`whole_gap`); so is

@@ -24,6 +24,7 @@ from .data.encoder_error import about_errors, encoder_errors, without_errors
 from .data.inputs import about_late_torque, on_one_clock, read_logs, read_model, with_earlier_torque
 from .data.record import about_stretches, make_records
 from .data.setting import make_setting
+from .data.torque_noise import TorqueNoise, about_torque_noise, torque_noise, without_noise
 from .diagnosis import Diagnosis
 from .effects.effect import Effect
 from .effects.vocabulary import EFFECTS, on_rate_sensor
@@ -151,6 +152,19 @@ def _diagnose(
             if least_missing({"recorded": search, "corrected": corrected}, None) == "corrected":
                 search, (logs, withheld) = corrected, parts
                 warnings += [about_errors(log, e) for log, e in zip(everything, misread, strict=True) if e]
+        left: tuple[TorqueNoise, ...] = ()
+        noise = [torque_noise(log) for log in (*logs, *withheld)]
+        if any(noise):
+            sizes = zip((*logs, *withheld), noise, strict=True)
+            quiet = [without_noise(log, size) if size else (log, None) for log, size in sizes]
+            mended = [log for log, _ in quiet]
+            parts = mended[: len(logs)], mended[len(logs) :]
+            # What leaves more is no noise: the machine felt it.
+            corrected = make_search(*parts, model, effects, keep, again=True)
+            if least_missing({"recorded": search, "quiet": corrected}, None) == "quiet":
+                (logs, withheld), left = parts, tuple(one for _, one in quiet if one is not None)
+                search = make_search(*parts, model, effects, keep, again=True, noise=left)
+                warnings += [about_torque_noise(log, size) for log, size in zip(everything, noise, strict=True) if size]
         warnings += about_stretches(search.records)
         if doubts and search.records[0].velocity is None:
             doubts = checked.contradictions(rate=False)
@@ -159,7 +173,7 @@ def _diagnose(
             """Of the logs with the torque as it acted."""
             clock("looking")
             searches = {
-                lag: make_search(*_earlier(logs, withheld, late, lag), model, effects, keep, again=True)
+                lag: make_search(*_earlier(logs, withheld, late, lag), model, effects, keep, again=True, noise=left)
                 for lag in lags(late, search.setting.dt)
             }
             lag = least_missing(searches, chosen)
@@ -205,6 +219,7 @@ def make_search(
     keep: SavedFits | None = None,
     *,
     again: bool = False,
+    noise: tuple[TorqueNoise, ...] = (),
 ) -> Search:
     """The search over one machine's logs, with the nominal model fitted and no effect tried yet.
 
@@ -215,6 +230,7 @@ def make_search(
         effects: the vocabulary.
         keep: the file that stores fits; None to store none.
         again: whether the file holds fits of the same logs already, before a column of them was corrected.
+        noise: what is left of the noise of measured torques.
 
     Raises:
         InputError: for logs that are too short, or differ in period or columns.
@@ -225,7 +241,8 @@ def make_search(
         effects = tuple(effect for effect in effects if not on_rate_sensor(effect))
     effects = tuple(effect for effect in effects if effect not in without_place(model, effects))
     nominal = Nominal(model.loop.plant, model.loop.actuator, model.loop.sensor)
-    arguments = records, nominal, effects, make_setting(records, model)
+    setting = dataclasses.replace(make_setting(records, model), torque_noise=noise)
+    arguments = records, nominal, effects, setting
     if keep is None:
         return Search(*arguments)
     if not again:

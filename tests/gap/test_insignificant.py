@@ -34,7 +34,7 @@ def fitted(values, *, effects=(), wide=(), bounds=(), load_error=()):
 
 
 def shown(values, deviations, **more):
-    records = [SimpleNamespace(linear=False, speed=np.full(100, 3.0))]
+    records = [SimpleNamespace(linear=False, speed=np.full(100, 3.0), acceleration=np.full(100, 15.0))]
     search = SimpleNamespace(setting=SETTING, records=records)
     return insignificant_causes(search, fitted(values, **more), np.diag(np.square(deviations)))
 
@@ -56,6 +56,24 @@ def test_a_spring_of_unknown_frequency_is_not_asserted(deviation, told):
     values = {"inertia": 4.8, "frequency": 1.4, "load_share": 0.5, "relative_hardening": 0.0}
     missing = shown(values, [1e-6, deviation, 1e-6, 1e-6], effects=("compliance",))
     assert missing == (frozenset() if told else {"compliance"})
+
+
+@pytest.mark.parametrize(
+    ("effect", "values", "told"),
+    [
+        ("velocity_scale_error", {"scale": 1.005}, False),
+        ("velocity_scale_error", {"scale": 0.98}, True),
+        ("velocity_bias", {"bias": 0.02}, False),
+        ("velocity_bias", {"bias": -0.04}, True),
+        ("velocity_lag", {"velocity_lag": 1e-3}, False),
+        ("velocity_lag", {"velocity_lag": 3e-3}, True),
+        ("velocity_delay", {"velocity_delay": 1e-3}, False),
+        ("velocity_delay", {"velocity_delay": 3e-3}, True),
+    ],
+)
+def test_an_error_of_the_velocity_of_less_than_a_hundredth_is_no_cause_however_sure(effect, values, told):
+    """At 3 rad/s that changes by 15 rad/s^2."""
+    assert shown(values, [1e-6], effects=(effect,)) == (frozenset() if told else {effect})
 
 
 def test_large_torques_that_cancel_something_are_no_candidates():
@@ -137,7 +155,7 @@ def test_harmonics_that_stand_for_each_other_are_a_friction_all_the_same(apart, 
     # Their difference may be anything, their sum is 3 within `apart`.
     for a, b, sign in ((first, first, 1), (second, second, 1), (first, second, -1), (second, first, -1)):
         spread[a, b] = 9.0 * sign + apart**2
-    records = [SimpleNamespace(linear=False, speed=np.full(100, 3.0))]
+    records = [SimpleNamespace(linear=False, speed=np.full(100, 3.0), acceleration=np.full(100, 15.0))]
     search = SimpleNamespace(setting=SETTING, records=records)
     fit = fitted(values, effects=("position_dependent_friction",))
     if not told:

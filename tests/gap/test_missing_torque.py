@@ -89,13 +89,18 @@ def test_what_a_sluggish_model_leaves_is_read_as_the_larger_torque_that_it_is(ha
     nothing = np.zeros_like(torques)
     late = scale(hanging, actuator_lag=0.05)[2]
     light = scale(hanging, inertia=0.5 * own.inertia)[2]
-    assert fitter.log_volume(c, np.stack([nothing, nothing])) == 0.0
+    assert fitter.log_volume(c, np.stack([nothing, nothing, nothing])) == 0.0
     for made, imposed in ((torques, nothing), (nothing, torques)):
-        assert fitter.log_volume(c, np.stack([made, imposed])) > 0.0
+        assert fitter.log_volume(c, np.stack([made, imposed, nothing])) > 0.0
         # Where a motion is imposed, a light mass is not favoured for answering more.
-        assert (fitter.log_volume(light, np.stack([made, imposed])) < 0.0) == bool(np.any(made))
+        assert (fitter.log_volume(light, np.stack([made, imposed, nothing])) < 0.0) == bool(np.any(made))
         # A loop's answer passes the actuator's lag; what acts on the mass does not.
-        assert (fitter.log_volume(late, np.stack([made, imposed])) > 0.0) == bool(np.any(imposed))
+        assert (fitter.log_volume(late, np.stack([made, imposed, nothing])) > 0.0) == bool(np.any(imposed))
+    # The noise of a measured torque makes no model likelier that keeps it out of its motion.
+    more, usual, less, none = (
+        fitter.log_volume(one, np.stack([nothing, nothing, torques])) for one in (light, scale(hanging)[2], c, late)
+    )
+    assert more < usual < min(less, none)
     few, some = (fitter.torques(replace(c, level=np.full(fitter.modes.bands, q)), hanging.train) for q in (1e-9, 0.1))
     windows = sum(len(chosen) for chosen in hanging.train)
     # A level far below the noise counts no torque; where the torque makes the motion, half of the windows count.
@@ -111,7 +116,7 @@ def test_a_lag_that_the_nominal_model_has_lets_a_loops_answer_pass_as_before():
     volumes = []
     for lag in (0.02, 0.03):
         _, fitter, c = scale(known, actuator_lag=lag)
-        volumes.append(fitter.log_volume(c, np.stack([np.zeros_like(imposed), imposed])))
+        volumes.append(fitter.log_volume(c, np.stack([0.0 * imposed, imposed, 0.0 * imposed])))
     assert volumes[0] == pytest.approx(0.0, abs=1e-9)
     assert volumes[1] > 0.0
 

@@ -51,6 +51,8 @@ class Answer:
         learned_model: the corrected model with the learned laws beside the causes, as `servo.toml` text; "" without.
         posterior: distribution of the fitted parameters, from which machines can be drawn; None where unknown.
         free_replay: how far free simulations leave the motion, before and after; None where unknown.
+        undecided: effects of the corrected model that take a part of the gap and are no causes, since others would do
+            nearly as well; `steps` holds them behind the causes.
         contradiction: of an unexplained gap, what of the logs cannot be so (a unit, a sign, a column, the model of
             another machine), so that no cause is asserted; "" for nothing.
     """
@@ -83,6 +85,7 @@ class Answer:
     posterior: Posterior | None = None
     free_replay: FreeReplay | None = None
     contradiction: str = ""
+    undecided: tuple[str, ...] = ()
 
     @property
     def only_misread(self) -> bool:
@@ -94,9 +97,18 @@ class Answer:
         """Whether the simulation of the machine misses no torque that matters."""
         return self.verdict == "no_gap" or self.only_misread
 
+    @property
+    def closed_by_causes(self) -> float:
+        """Share of the gap that the causes alone close [1], without what is undecided beside them."""
+        left = [step.gap_after for step in self.steps if step.added in self.causes]
+        if not self.undecided or not left:
+            return self.gap.closed
+        return self.gap.closed_with(left[-1])
+
     def to_dict(self) -> JsonObject:
         """The contract's `diagnosis.json` (numbers, strings, lists and dictionaries only), and beside it `ahead`,
-        `tracking`, `free_replay`, `contradiction`, `seconds`, `provenance`, `allowed_effects` and `model_missing`.
+        `tracking`, `free_replay`, `contradiction`, `undecided`, `seconds`, `provenance`, `allowed_effects` and
+        `model_missing`.
         """
         return {
             "verdict": self.verdict,
@@ -118,6 +130,7 @@ class Answer:
             "tracking": None if self.tracking is None else self.tracking.to_dict(),
             "free_replay": None if self.free_replay is None else self.free_replay.to_dict(),
             "contradiction": self.contradiction,
+            "undecided": list(self.undecided),
             "allowed_effects": list(self.allowed) if self.allowed else "all",
             "seconds": {stage: round(spent, 3) for stage, spent in self.seconds.items()},
             "provenance": self.provenance,

@@ -14,6 +14,7 @@ from ..effects.experiments import Experiment, next_experiment
 from ..fit.search import Search
 from ..select.decision import Decision
 from ..select.readings import LATE, Reading, material, rounding, sure_readings
+from ..select.shared_numbers import near_models
 from ..select.statement import Verdict
 from ..thresholds import THRESHOLDS
 from .answer import Answer
@@ -41,6 +42,7 @@ from .warning_texts import (
     rounding_left,
     slight_readings,
     slight_rounding,
+    undecided_effects,
     where_fitted_alone,
 )
 from .where import locate
@@ -86,7 +88,7 @@ def assemble(
     # The model to write: the nominal one where nothing of the machine is missing.
     gapless = found.word == "no_gap" or (found.word == "explained" and not causes)
     gap = gap.unchanged() if gapless and wrong else gap
-    steps = steps_of(search, decision, causes) if causes else ()
+    steps = steps_of(search, decision, causes, found.undecided) if causes else ()
     steps = with_readings(steps, found.causes, wrong, gap)
     seen = {one.effect: read_estimates(one, search.setting.units) for one in known.readings if one.effect in wrong}
     ranking = rank(search, decision, found, gap, steps, seen, allowed, _instead((*read, *slight), allowed))
@@ -109,9 +111,10 @@ def assemble(
     everywhere = decision.exact.missing_rms([np.arange(len(record.starts)) for record in records])
     said = [*at_bounds(chosen, search.setting.units), *beyond_torque(gap, torque), *warnings]
     said += [] if gapless else [*pushes(decision, records), *rounding_left(rounding_of(search, chosen)[0], gap)]
-    said += not_answered(search.modes, search.setting.units, torque)
+    said += not_answered(search.modes, search.unfelt, search.setting.units, torque)
     said += [
-        *details(chosen, causes),
+        *undecided_effects(found.undecided, causes, _in_place(decision, (*causes, *found.undecided))),
+        *details(chosen, causes, found.undecided),
         *load_error(decision.nominal.fit if gapless else chosen, search.setting, written=not gapless),
     ]
     for one in rounded:
@@ -142,6 +145,7 @@ def assemble(
         tracking=tracking,
         free_replay=free_replay(search, decision.exact, chosen),
         contradiction=contradiction if found.word == "unexplained" else "",
+        undecided=found.undecided,
         same_as=tuple(twin.sentence() for twin in ranking.twins),
         allowed=allowed,
         learned=() if laws is None else laws.laws,
@@ -167,6 +171,14 @@ def _instead(read: Sequence[Reading], allowed: tuple[str, ...]) -> dict[str, tup
     decided = 1.0 / (1.0 + math.exp(-THRESHOLDS.close))
     rivals = [one for one in read if one.rival and one.sure < decided]
     return {one.effect: (one.rival,) for one in rivals if not allowed or one.rival in allowed}
+
+
+def _in_place(decision: Decision, told: Sequence[str]) -> list[str]:
+    """Effects of the models near the chosen one, but for those that it holds itself, the best first; at most
+    `largest_class`.
+    """
+    names = dict.fromkeys(name for w in near_models(decision) for name in w.structural if name not in told)
+    return list(names)[: THRESHOLDS.largest_class]
 
 
 def _alike(ranking: tuple[Ranked, ...], found: Verdict) -> float:

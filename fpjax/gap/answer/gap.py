@@ -57,6 +57,11 @@ class Gap:
             closed_moving=0.0,
         )  # fmt: skip
 
+    def closed_with(self, after: float) -> float:
+        """Share that would be closed [1] with another missing torque after, in `unit`."""
+        room = self.before - self.noise_floor
+        return min((self.before - after) / room, 1.0) if room > 0.0 else 0.0
+
     def estimate(self, name: str) -> Estimate:
         """`before`, `after`, `learned`, `noise_floor` or `closed` with its interval."""
         unit = "" if name == "closed" else self.unit

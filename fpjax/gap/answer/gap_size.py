@@ -50,14 +50,18 @@ def closed(before: Values, after: Values, floor: float) -> Values:
     return np.where(room > 0.0, np.minimum((before - after) / np.where(room > 0.0, room, 1.0), 1.0), 0.0)
 
 
-def steps_of(search: Search, decision: Decision, causes: Sequence[str]) -> tuple[Step, ...]:
+def steps_of(
+    search: Search, decision: Decision, causes: Sequence[str], undecided: Sequence[str] = ()
+) -> tuple[Step, ...]:
     """The gap after each cause, from the nominal model to the chosen one, its details beside the causes included.
 
     Args:
         search: of the logs.
         decision: its `path` holds the models between, each with one cause more.
         causes: asserted causes of the machine, the most important first.
+        undecided: effects of the chosen model that take a part of the gap too: they come behind the causes.
     """
+    causes = (*causes, *undecided)
     if len(causes) > 1 and any(map(is_number, causes)):
         return _steps_with_numbers(search, decision, causes)
     chosen = decision.chosen.fit

@@ -1,7 +1,7 @@
 """Effects of a model whose size cannot be distinguished from zero, so that they are not asserted."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +10,7 @@ from ..effects.estimate import NINETY
 from ..effects.parameters import COGGING, RIPPLE
 from ..fit.candidate import Fit
 from ..fit.search import Search
+from ..thresholds import THRESHOLDS
 from .intervals import estimates
 
 SIZES = {
@@ -37,10 +38,17 @@ WAVES = {"position_dependent_friction": RIPPLE, "cogging": COGGING}
 """By effect, amplitudes that are all zero when the effect is absent."""
 FACTORS = {"torque_gain_error": "gain", "velocity_scale_error": "scale"}
 """By effect, the reported parameter that is 1 when the effect is absent."""
+MISREAD = {
+    "velocity_scale_error": ("scale", "speed"),
+    "velocity_bias": ("bias", "one"),
+    "velocity_lag": ("velocity_lag", "rate"),
+    "velocity_delay": ("velocity_delay", "rate"),
+}
+"""By error of the velocity reading, its parameter and what that is multiplied by to make the error [rad/s]."""
 
 
 def insignificant_causes(search: Search, fit: Fit, spread: np.ndarray) -> frozenset[str]:
-    """Causes whose 90 % interval contains their neutral value.
+    """Causes whose 90 % interval contains their neutral value, and errors of the velocity reading that are slight.
 
     A clearance that may be zero is not asserted as backlash; a nominal number whose interval holds the number as given
     is not asserted to be wrong.
@@ -57,6 +65,8 @@ def insignificant_causes(search: Search, fit: Fit, spread: np.ndarray) -> frozen
         name = (FACTORS if effect.name in FACTORS else SIZES).get(effect.name)
         if name is not None:
             size = estimates(search, fit, effect, spread, added)[name]
+            if _slight(search, effect.name, c.values()):
+                found.add(effect.name)
             # A size that ended at its bound has no interval: it is neutral only if it is exactly the neutral value.
             known = math.isfinite(size.low) and math.isfinite(size.high)
             if (size.low <= neutral <= size.high) if known else size.value == neutral:
@@ -70,6 +80,22 @@ def insignificant_causes(search: Search, fit: Fit, spread: np.ndarray) -> frozen
         if abs(c.values()[number] - getattr(search.setting, number)) <= half:
             found.add(f"{number}_error")
     return frozenset(found)
+
+
+def _slight(search: Search, effect: str, values: Mapping[str, float]) -> bool:
+    """Whether an effect is an error of the velocity reading of less than a hundredth of the speed (`reading`).
+
+    Every sensor has that, and where an encoder is fitted beside it a fit follows it however little torque it makes.
+    """
+    if effect not in MISREAD:
+        return False
+    speed, change = (
+        float(np.sqrt(np.mean(np.concatenate([getattr(record, name) for record in search.records]) ** 2)))
+        for name in ("speed", "acceleration")
+    )
+    name, of = MISREAD[effect]
+    off = values[name] - (1.0 if effect in FACTORS else 0.0)
+    return abs(off) * {"speed": speed, "rate": change, "one": 1.0}[of] < THRESHOLDS.reading * speed
 
 
 def _may_be_none(fit: Fit, amplitudes: Sequence[str], spread: np.ndarray) -> bool:

@@ -41,6 +41,12 @@ def verdict_line(diagnosis: Answer) -> str:
         return f"Explained by {causes}: apart from the reading, the simulation misses no torque that matters."
     if diagnosis.verdict == "explained":
         return f"Explained by {causes}: {gap.closed:.1%} of the gap is closed on withheld data."
+    if diagnosis.verdict == "partly_explained" and diagnosis.undecided:
+        beside = " + ".join(diagnosis.undecided)
+        return (
+            f"Partly explained by {causes}: {diagnosis.closed_by_causes:.1%} of the gap is closed on withheld data, "
+            f"{gap.closed:.1%} with {beside}, which this log does not make sure of{_place(diagnosis)}."
+        )
     if diagnosis.verdict == "partly_explained":
         return (
             f"Partly explained by {causes}: {gap.closed:.1%} of the gap is closed on withheld data"

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ...logs.arrays import Values
 from ...model_file import Units
 from ..data.record import Record
 from ..data.setting import Setting
@@ -61,15 +62,17 @@ def load_error(fit: Fit, setting: Setting, *, written: bool) -> list[str]:
     ]
 
 
-def not_answered(modes: Modes, units: Units, torque: float) -> list[str]:
+def not_answered(modes: Modes, unfelt: Values, units: Units, torque: float) -> list[str]:
     """What counts as noise of the readings although a machine that vibrates would show it too, with its number.
 
     Args:
         modes: of a window.
+        unfelt: what of it is noise of a measured torque, which has a sentence of its own, by octave [N m].
         units: of the model file.
         torque: rms of the commanded torque [N m].
     """
-    held = np.where(modes.sensor, 0.0, modes.unanswered[modes.band])
+    own = np.sqrt(np.maximum(modes.unanswered**2 - unfelt**2, 0.0))
+    held = np.where(modes.sensor, 0.0, own[modes.band])
     size = float(np.sqrt(np.sum(held**2) / len(modes.torque)))
     if not size > THRESHOLDS.slight * torque:
         return []
@@ -109,9 +112,29 @@ def beyond_torque(gap: Gap, torque: float) -> list[str]:
     ]
 
 
-def details(chosen: Fit, causes: Sequence[str]) -> list[str]:
-    """A warning about effects that the corrected model holds beside the causes."""
-    beside = [name for name in chosen.candidate.structural if name not in causes] if causes else []
+def undecided_effects(undecided: Sequence[str], causes: Sequence[str], rivals: Sequence[str]) -> list[str]:
+    """A warning about effects of the corrected model that take a part of the gap and are not asserted.
+
+    Args:
+        undecided: their names.
+        causes: that are asserted.
+        rivals: effects that do nearly as well in their place, the best first.
+    """
+    if not undecided:
+        return []
+    many = len(undecided) > 1
+    instead = f": {' or '.join(rivals)} would do nearly as well" if rivals else ""
+    return [
+        f"The corrected model also holds {' and '.join(undecided)}, which {'take' if many else 'takes'} a part of the "
+        f"gap, but this log does not make sure of {'them' if many else 'it'}{instead}. Whichever it is, "
+        f"{' and '.join(causes)} {'stand' if len(causes) > 1 else 'stands'} beside it."
+    ]
+
+
+def details(chosen: Fit, causes: Sequence[str], undecided: Sequence[str] = ()) -> list[str]:
+    """A warning about effects that the corrected model holds beside the causes and what is undecided."""
+    told = {*causes, *undecided}
+    beside = [name for name in chosen.candidate.structural if name not in told] if causes else []
     if not beside:
         return []
     what = "a detail, not a cause" if len(beside) == 1 else "details, not causes"

@@ -11,6 +11,7 @@ from ...logs.arrays import Values
 from ...model_file import Model, Units
 from ..machine import general_law
 from .record import Record
+from .torque_noise import TorqueNoise
 
 STRETCH = 40  # [samples] in which a machine may be seen to rest
 SLOW = 0.2  # of the top speed: the largest bias that is looked for so
@@ -50,6 +51,7 @@ class Setting:
         contacts: start values by name of backlashes, the most likely first; None where they were not searched for,
             empty where no stretch of the log could be used.
         springs: likewise of springs, the sensors on either side.
+        torque_noise: what is left of the noise of measured torques, one a log that had some.
     """
 
     inertia: float
@@ -75,6 +77,7 @@ class Setting:
     rise: Mapping[str, float] = field(default_factory=dict)
     contacts: tuple[Mapping[str, float], ...] | None = None
     springs: tuple[Mapping[str, float], ...] | None = None
+    torque_noise: tuple[TorqueNoise, ...] = ()
 
     @property
     def periods(self) -> tuple[float, ...]:

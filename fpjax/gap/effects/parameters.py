@@ -38,8 +38,8 @@ def most_periods(setting: Setting) -> float:
 
 
 def lowest_frequency(setting: Setting) -> float:
-    """Lowest resonance that a window shows [Hz]: one period of it within the window."""
-    return 1.0 / setting.window
+    """Lowest resonance that a window shows [Hz]: half a period of it within the window."""
+    return 0.5 / setting.window
 
 
 def highest_frequency(setting: Setting) -> float:
@@ -287,7 +287,7 @@ def largest_gap(setting: Setting) -> float:
 GAP = EffectParameter(
     "gap", "rad", _ZERO, _ZERO, largest_gap, _times("speed", 1e-3), "plant.gap", blur=_between_samples
 )
-# A resonance that the data can show: at least one period a window, and at most a third of the Nyquist frequency.
+# A resonance that the data can show: at least half a period a window, and at most a third of the Nyquist frequency.
 FREQUENCY = EffectParameter(
     "frequency",
     "Hz",

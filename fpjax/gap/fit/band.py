@@ -6,6 +6,7 @@ import numpy as np
 
 from ...logs.arrays import Values
 from ..data.record import Record
+from ..data.torque_noise import TorqueNoise
 from ..thresholds import THRESHOLDS
 from .modes import Modes
 
@@ -58,6 +59,23 @@ def unanswered(modes: Modes, level: Values, there: Values) -> Values:
         if np.any(own):
             # A missing torque is a command less an inertial torque, and (a - b)^2 is at most 2 (a^2 + b^2).
             found[band] = np.sqrt(max(level[band] ** 2 - 2.0 * float(np.mean(there[own])), 0.0))
+    return found
+
+
+def unfelt(modes: Modes, noises: Sequence[TorqueNoise], logs: int) -> Values:
+    """What is left of the noise of measured torques, by octave [N m], shape (bands,): the simulations feel it alone.
+
+    Args:
+        modes: of a window.
+        noises: what is left in each log that had some.
+        logs: number of all logs.
+    """
+    squares = np.sum([noise.left(modes.frequency) ** 2 for noise in noises], axis=0) / logs
+    found = np.zeros(modes.bands)
+    for band in range(modes.bands):
+        own = (modes.band == band) & ~modes.sensor
+        if noises and np.any(own):
+            found[band] = np.sqrt(np.mean(squares[own]))
     return found
 
 

@@ -13,6 +13,7 @@ from ...logs.arrays import Values
 from ..data.record import Record, joints
 from ..data.setting import Setting
 from ..simulate.family import Runner
+from .band import unfelt
 from .candidate import Candidate
 from .modes import Modes
 
@@ -21,6 +22,7 @@ RESPONSE = (
     "inertia", "viscous", "viscous_difference", "gain", "scale", "velocity_lag", "actuator_lag", "drag_coefficient",
     "load_coefficient",
 )  # fmt: skip
+SHAFT = ("frequency", "damping_ratio", "load_share")  # by which the noise of a measured torque is passed, too
 LEAST_PASSED = 0.05  # least share of a torque that is taken to pass a limit, dead zone or loaded gear: never none [1]
 
 Windows = Sequence[Values]
@@ -53,6 +55,10 @@ class Response:
         self.rate_alone = self.records[0].position is None
         guide = runner.tables[0].guide
         self.guide = float(guide.stiffness), float(guide.damping)
+        # Noise of a measured torque, which drives the simulations alone [N^2 m^2], by mode.
+        self.unfelt = np.where(
+            modes.sensor, 0.0, unfelt(modes, setting.torque_noise, len(self.records))[modes.band] ** 2
+        )
         self._places = {p.name: index for index, p in enumerate(self.family.parameters)}
         self._nominal = self._response(self.family.neutral(setting)[None])[0]
         # s^2 of each window: windows with repeated readings have more noise. Rounded to powers of two, so that many
@@ -108,14 +114,17 @@ class Response:
         motion, all count. A coefficient counts by its share of missing torque against noise.
 
         Returns:
-            Shape (2, modes) [1]: of motions that the torque makes, and of those that are imposed.
+            Shape (3, modes) [1]: of motions that the torque makes, of those that are imposed, and of those that the
+            noise of a measured torque makes in the simulation of the nominal mass, by its share of their variance.
         """
         noise = np.concatenate([self.noise[which][chosen] for which, chosen in enumerate(windows)])
         changes = np.concatenate([self.changes[which][chosen] for which, chosen in enumerate(windows)])
         missing = np.maximum(c.level[self.modes.band] ** 2, 1e-300)
         seen = np.sum(self.modes.wiener(c.level, noise) * changes / (changes + missing), axis=0)
         made = self.inertial / (self.inertial + missing)
-        return seen * np.stack([0.5 * made, 1.0 - made])
+        variance = self.modes.variance(noise) + np.where(self.modes.sensor, 0.0, missing * self.modes.gain)
+        unfelt = np.sum(self.unfelt * self.modes.gain / variance, axis=0)
+        return np.stack([seen * 0.5 * made, seen * (1.0 - made), unfelt])
 
     def imposed(self, level: Values) -> Values:
         """Share of the motion that is imposed by a loop, which answers a missing torque with the command [1], (modes,).
@@ -197,12 +206,38 @@ class Response:
         if not np.any(torques > 0.0):
             return np.zeros(len(vectors))
         lost, answer = np.log(self._lost(vectors)), np.log(self._lost_of_command(vectors))
-        return 2.0 * (lost @ torques[0] + np.maximum(answer, 0.0) @ torques[1])
+        found = 2.0 * (lost @ torques[0] + np.maximum(answer, 0.0) @ torques[1])
+        if np.any(torques[2] > 0.0):
+            found += (1.0 - self._noise_passed(vectors)) @ torques[2]
+        return found
+
+    def _noise_passed(self, vectors: Values) -> Values:
+        """Energy of the motion that the noise of a measured torque makes in simulations, over that of the nominal mass
+        [1], shape (vectors, modes).
+
+        By what a model keeps of it out of the motion its residuals are smaller, and by that alone it must not be
+        likelier: what it is expected to keep out is added again (Nakamura, "Corrected score function for
+        errors-in-variables models", 1990).
+        """
+        square = (2.0 * np.pi * self.modes.frequency) ** 2
+        passed = self._response(vectors) ** 2
+        if (at := self._places.get("actuator_lag")) is not None:
+            passed = passed / (1.0 + square * vectors[:, at, None] ** 2)
+        if "frequency" not in self._places:
+            return passed
+        # Two masses: of the motor's mass (1 - s) J or the load's s J, over the rigid one, at a torque on the motor.
+        # What resonates is not taken off: a clearance, or friction on the load, keeps small noise from it.
+        frequency, ratio, share, side = (vectors[:, self._places[n], None] for n in (*SHAFT, "load_side"))
+        resonance = 2.0 * np.pi * frequency
+        spring = share * (1.0 - share) * (resonance**2 + 2j * ratio * resonance * np.sqrt(square))
+        load = spring - (1.0 - side) * share * square
+        return passed * np.minimum(np.abs(load / (spring - share * (1.0 - share) * square)) ** 2, 1.0)
 
     def log_volume_slope(self, c: Candidate, torques: Values) -> Values:
         """Half the gradient of `log_volume` by the free parameters in units of their scale, shape (free,)."""
         found = np.zeros(len(c.free))
-        places = [k for k, index in enumerate(c.free) if c.family.parameters[index].name in RESPONSE]
+        names = (*RESPONSE, *SHAFT) if np.any(torques[2] > 0.0) else RESPONSE
+        places = [k for k, index in enumerate(c.free) if c.family.parameters[index].name in names]
         if places:
             vectors = np.repeat(c.vector[None], len(places) + 1, 0)
             vectors[np.arange(len(places)), c.free[places]] += 1e-4 * c.scale[places]

@@ -15,7 +15,7 @@ from ..data.tables import Tables
 from ..effects.effect import Effect
 from ..simulate.family import Family, Key, Nominal, Runner, key_for, make_family
 from ..simulate.hidden_states import HiddenStates
-from .band import highest_of_speed, level_with_bursts, real_noise, unanswered
+from .band import highest_of_speed, level_with_bursts, real_noise, unanswered, unfelt
 from .candidate import NOMINAL, Candidate, Fit, Start, make_candidate
 from .course_starts import longest_log, with_course_starts, without_numbers
 from .guide import guide_bandwidth
@@ -75,7 +75,10 @@ class Search:
             base = self._base(wide=NOMINAL)
         # What the readings hold beyond noise that is no torque, beside a fit of the nominal model.
         fitter = self.fitters[base.family.key]
-        if np.any(noisy := unanswered(self.modes, base.level, fitter.commanded + fitter.inertial)):
+        unread = unanswered(self.modes, base.level, fitter.commanded + fitter.inertial)
+        self.unfelt = unfelt(self.modes, setting.torque_noise, len(records))
+        """Noise of a measured torque that is no missing torque either, by octave [N m]."""
+        if np.any(noisy := np.hypot(unread, self.unfelt)):
             self._begin(replace(self.modes, unanswered=noisy))
             base = self._base(wide=NOMINAL)
         self.moves = 1.0 / (1.0 + (self.modes.frequency / highest_of_speed(records)) ** 2)

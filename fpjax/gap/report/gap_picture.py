@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from .derived_values import gap_scale, shown_gap, step_gap, twins_of
 from .digits import show, show_percent, show_unit
 from .names import clip, effect_title
-from .sentences import effort_of, learned_name
+from .sentences import effort_of, learned_name, step_remark
 from .theme import AFTER, BEFORE, FLOOR, INK, MUTED, PAPER, SOFT
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ def rows_of(diagnosis: Answer) -> list[tuple[str, Estimate]]:
     for step in diagnosis.steps:
         # A twin closes the gap as well: the row must not claim more than the ranking.
         twin = " (or twin)" if twins_of(diagnosis, step.added) else ""
-        detail = "" if step.added in diagnosis.causes else " (a detail)"
+        detail = step_remark(diagnosis, step.added)
         rows.append((f"+ {effect_title(step.added, diagnosis.motion)}{twin}{detail}", step_gap(diagnosis, step)))
     if not diagnosis.steps and not diagnosis.nothing_missing and diagnosis.gap.estimate("after").known:
         rows.append(("Corrected model" if diagnosis.causes else "Best attempt", diagnosis.gap.estimate("after")))

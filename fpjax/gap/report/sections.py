@@ -28,6 +28,7 @@ from .sentences import (
     learned_name,
     replay_sentence,
     set_twin_sentences,
+    step_remark,
     tracking_sentence,
     twin_sentences,
     variable_name,
@@ -207,7 +208,7 @@ def shrink(diagnosis: Answer, pictures: dict[str, tuple[str, str]]) -> str:
         shown = shown_gap(diagnosis, gap)
         names = [effect_title(step.added, diagnosis.motion)]
         names += [effect_name(twin, diagnosis.motion) for twin in twins_of(diagnosis, step.added)]
-        detail = "" if step.added in diagnosis.causes else " (a detail)"
+        detail = step_remark(diagnosis, step.added)
         rows.append(
             ("", [f"+ {text(join(names, 'or'))}{detail}", gap_number(gap, shown), _interval(gap, shown) or "not known"])
         )

@@ -55,6 +55,13 @@ def verdict_sentence(diagnosis: Answer) -> str:
         where = f", {show_percent(share)} of its energy {place}" if share >= MUCH else ""
         asserted = _asserted(diagnosis)
         verb = "explains" if len(diagnosis.causes) == 1 else "explain"
+        if diagnosis.undecided:
+            beside = join([effect_name(name, diagnosis.motion) for name in diagnosis.undecided])
+            return (
+                f"{asserted[:1].upper()}{asserted[1:]} {verb} {show_percent(diagnosis.closed_by_causes)} of the "
+                f"missing {effort}; with {beside}, which this log does not make sure of, {show_percent(gap.closed)} is "
+                f"closed, and {after} of {before} rms on withheld data is left{where}."
+            )
         return (
             f"{asserted[:1].upper()}{asserted[1:]}{_details(diagnosis)}{',' if _details(diagnosis) else ''} {verb} "
             f"{show_percent(gap.closed)} of the missing {effort}{moving_clause(gap, show_percent)}; "
@@ -249,6 +256,13 @@ def _details(diagnosis: Answer) -> str:
             names.append(effect_name(step.added, diagnosis.motion))
         last = step.gap_after
     return f", with {join(names)} as {'a detail' if len(names) == 1 else 'details'}" if names else ""
+
+
+def step_remark(diagnosis: Answer, name: str) -> str:
+    """What an entry of the steps is that is no cause, in brackets; "" for a cause."""
+    if name in diagnosis.causes:
+        return ""
+    return " (not sure)" if name in diagnosis.undecided else " (a detail)"
 
 
 def _alternatives(diagnosis: Answer) -> list[str]:

@@ -10,6 +10,7 @@ from .decision import Decision
 from .dominant import believed, dominant
 from .misread import told_readings, with_readings
 from .nominal_errors import wrong_numbers
+from .shared_numbers import shared_numbers
 from .simpler import CONSTANT, FACTORS, ONE_FOR_MANY
 from .statement import Seen, Verdict, Word, is_number
 from .weighed import CONTAINED, Weighed
@@ -21,24 +22,28 @@ class _Set:
     worth: float  # in nats: of the chosen model, its evidence over the nominal model as given
 
 
-def verdict(decision: Decision, seen: Seen, thresholds: Thresholds = THRESHOLDS) -> Verdict:
+def verdict(decision: Decision, seen: Seen, thresholds: Thresholds = THRESHOLDS, *, shared: bool = False) -> Verdict:
     """The word, the causes and the probabilities.
 
     Args:
         decision: of the fits.
         seen: sizes.
         thresholds: every number that decides.
+        shared: whether numbers that are wrong in every model near the chosen one may be told without the rest.
     """
     told = _chosen_names(decision, seen, thresholds)
     case = _case(decision, seen, told, thresholds)
     if case.word == "unexplained":
         case = _led_by_another(decision, seen, told, thresholds) or case
+    if case.word == "unexplained" and shared:
+        case = _led_by_number(decision, seen, told, thresholds) or case
     asserted = (case.sure or case.chosen.names) if case.word in ("explained", "partly_explained") else ()
     top = _top(case.word, case.chosen, case.lead, _left(seen, decision.whole, thresholds), thresholds)
     shares = _shares(case.sets, top, thresholds.temper)
     main, among = _by_effect(shares)
     right = _right(asserted, shares, main)
-    found = Verdict(case.word, asserted, right, main, among, case.margin, case.lead)
+    undecided = tuple(name for name in told if name not in asserted) if case.sure else ()
+    found = Verdict(case.word, asserted, right, main, among, case.margin, case.lead, undecided)
     sizes = _sizes(decision, seen, thresholds)
     readings = tuple(name for name in told_readings(found, seen, thresholds) if name not in found.causes)
     # Beside a position that cannot be right nothing is known of the velocity column.
@@ -89,6 +94,20 @@ def _led_by_another(decision: Decision, seen: Seen, told: tuple[str, ...], t: Th
         sure = tuple(n for n in case.chosen.names if all(n in one.names for one in near))
         return replace(case, sure=sure)
     return None
+
+
+def _led_by_number(decision: Decision, seen: Seen, told: tuple[str, ...], t: Thresholds) -> _Case | None:
+    """A part led by a wrong number that every model near the chosen one has, whatever effect is beside it.
+
+    It must be nearly as large as the largest cause. Not where that may be none.
+    """
+    numbers = shared_numbers(decision, told, seen.sizes, t)
+    if not numbers or told[0] in seen.unshown or decision.shares[numbers[0]] < t.leads * decision.shares[told[0]]:
+        return None
+    case = _case(decision, seen, (numbers[0], *(name for name in told if name != numbers[0])), t)
+    if case.word == "unexplained" or max(case.lead, decision.lost.get(numbers[0], 0.0)) < t.clear:
+        return None
+    return replace(case, word="partly_explained", sure=numbers)
 
 
 @dataclass(frozen=True)
@@ -232,14 +251,16 @@ def _others(sets: Sequence[_Set], chosen: _Set, seen: Seen) -> list[_Set]:
 
 
 def _word(decision: Decision, seen: Seen, chosen: _Set, near: int, lead: float, t: Thresholds) -> Word:
+    # Beside a limit of the torque, of what the drive gives.
+    left = _left(seen, decision.whole, t)
     # A gap below the noise floor may still be explained: evidence sums over all windows, the rms does not.
     hidden = (seen.before < seen.floor or seen.share < t.slight) and decision.chosen.gain < t.chance
+    # Of a slight one that they do not close, causes are no more than details of a machine that is right.
+    hidden = hidden or (seen.share < t.slight and not left < t.closes)
     if seen.share < t.nothing or hidden or _counts_as_right(decision, t):
         return "no_gap"
     if seen.contradicted or (chosen.names and chosen.names[0] in seen.unshown):
         return "unexplained"
-    # Beside a limit of the torque, of what the drive gives.
-    left = _left(seen, decision.whole, t)
     missing = seen.share * decision.whole * left  # of the commanded torque, hardly more than it is
     # A cause is reported with what this log cannot distinguish from it; a class of everything says nothing.
     few = bool(chosen.names) and (near <= t.alike or is_number(chosen.names[0]))
