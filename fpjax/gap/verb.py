@@ -153,18 +153,17 @@ def _diagnose(
                 search, (logs, withheld) = corrected, parts
                 warnings += [about_errors(log, e) for log, e in zip(everything, misread, strict=True) if e]
         left: tuple[TorqueNoise, ...] = ()
-        noise = [torque_noise(log) for log in (*logs, *withheld)]
-        if any(noise):
-            sizes = zip((*logs, *withheld), noise, strict=True)
-            quiet = [without_noise(log, size) if size else (log, None) for log, size in sizes]
+        mass = model.nominal["inertia"], model.nominal["viscous"]
+        quiet = [without_noise(log, torque_noise(log, *mass)) for log in (*logs, *withheld)]
+        if any(any(noise.taken) for _, noise in quiet):
             mended = [log for log, _ in quiet]
             parts = mended[: len(logs)], mended[len(logs) :]
             # What leaves more is no noise: the machine felt it.
             corrected = make_search(*parts, model, effects, keep, again=True)
             if least_missing({"recorded": search, "quiet": corrected}, None) == "quiet":
-                (logs, withheld), left = parts, tuple(one for _, one in quiet if one is not None)
+                (logs, withheld), left = parts, tuple(noise for _, noise in quiet)
                 search = make_search(*parts, model, effects, keep, again=True, noise=left)
-                warnings += [about_torque_noise(log, size) for log, size in zip(everything, noise, strict=True) if size]
+                warnings += [about_torque_noise(log, noise) for log, noise in quiet if any(noise.taken)]
         warnings += about_stretches(search.records)
         if doubts and search.records[0].velocity is None:
             doubts = checked.contradictions(rate=False)

@@ -81,7 +81,8 @@ def test_a_size_that_may_be_nothing_is_not_shown(monkeypatch, low, value, high, 
     monkeypatch.setattr(insignificant, "estimates", lambda *_: {"gap": Estimate(value, low, high, "rad")})
     effects = [SimpleNamespace(name=name) for name in ("backlash", "asymmetric_friction")]
     family = SimpleNamespace(parameters=[])
-    fit = SimpleNamespace(candidate=SimpleNamespace(effects=effects, family=family, free=(), wide=frozenset()))
+    candidate = SimpleNamespace(effects=effects, family=family, free=(), wide=frozenset(), values=dict)
+    fit = SimpleNamespace(candidate=candidate)
     search = SimpleNamespace(setting=Setting(1.0, 0.1, 0.1, 0.1, 1.0, 1.0, 1.0, 1.0, 1e-3))
     found = insignificant.insignificant_causes(search, fit, np.zeros((1, 1)))
     assert found == (frozenset({"backlash"}) if hidden else frozenset())

@@ -239,11 +239,10 @@ def test_friction_that_the_model_has_none_of_is_told_by_what_moves_a_machine_tha
         # A rounding that is told beside it is no friction.
         word = verdict("partly_explained", ("coulomb_error", "velocity_quantisation") if closes else ())
         word = word if closes else verdict("unexplained")
-        return Judged(decision, word, None, SimpleNamespace(closed_moving=0.5), None, None, (), ())
+        return Judged(decision, word, SimpleNamespace(closed_moving=0.5), None, None, (), ())
 
     monkeypatch.setattr(judge, "by_numbers", by_numbers)
     monkeypatch.setattr(judge, "_judge", judged)
-    monkeypatch.setattr(judge, "verdict", lambda decision, seen, *, shared: verdict("unexplained"))
     monkeypatch.setattr(judge, "_persist", lambda numbers, decision: persists)
     answer = judge.judge(None, found, SimpleNamespace(readings=()), None, "N m")
     # Without an effect the numbers were judged by the whole gap already.

@@ -8,8 +8,11 @@ import numpy_machine
 import pytest
 
 from fpjax import load_model
-from fpjax.gap import diagnose
-from fpjax.gap.data.torque_noise import TorqueNoise, details, gains, torque_noise, without_noise
+from fpjax.gap import EFFECTS, diagnose
+from fpjax.gap.data import torque_noise as module
+from fpjax.gap.data.torque_noise import TorqueNoise, details, gains, without_noise
+from fpjax.gap.fit.candidate import Start
+from fpjax.gap.verb import make_search
 
 NOISE = 0.1  # [N m]
 SMALL = (
@@ -29,6 +32,10 @@ def friction_measurement(sensors=("velocity",)):
         numpy_machine.Machine(inertia=0.002, viscous=0.1, kp=0.05, ki=2.0), seconds=28.0, dt=1e-2,
         velocity_noise=0.02, sensors=sensors, reference=np.repeat(LEVELS, 200),
     )  # fmt: skip
+
+
+def torque_noise(log, inertia=0.002, viscous=0.1):
+    return module.torque_noise(log, inertia, viscous)
 
 
 def measured(log, noise=NOISE, seed=7):
@@ -59,19 +66,30 @@ def test_nothing_is_found_in_a_torque_without_noise(steps):
     assert torque_noise(measured(steps, 0.002)) == 0.0  # too little to matter
 
 
-@pytest.mark.parametrize("sensors", [("velocity",), ("velocity", "position")])
-def test_what_a_loop_makes_of_its_sensor_s_noise_is_no_noise_of_the_reading(sensors):
+def test_what_a_loop_makes_of_its_sensor_s_noise_is_no_noise_of_the_reading():
     """The machine feels it, and the reading tells of it."""
     log = numpy_machine.record(
-        numpy_machine.Machine(kp=2.0, ki=10.0), seconds=8.0, dt=2e-3, velocity_noise=0.15, sensors=sensors,
+        numpy_machine.Machine(kp=2.0, ki=10.0), seconds=8.0, dt=2e-3, velocity_noise=0.15,
+        sensors=("velocity", "position"),
     )  # fmt: skip
-    assert torque_noise(measured(log, 0.0)) == 0.0
+    assert torque_noise(measured(log, 0.0), 0.05, 0.03) == 0.0
     both = measured(log, 0.2)  # 0.3 N m that act, 0.2 that do not
-    found = torque_noise(both)
+    found = torque_noise(both, 0.05, 0.03)
     assert found == pytest.approx(0.2, rel=0.1)
-    quiet, noise = without_noise(both, found)
-    assert not any(noise.taken[:4])  # where both are, nothing tells them apart row by row
-    assert quiet.torque == pytest.approx(both.torque, abs=3.0 * found)
+    # Where both are, nothing tells them apart row by row, and nothing is taken for noise.
+    assert without_noise(both, found) == (both, TorqueNoise(0.0, (), both.dt))
+    # The rate sensor alone would not show 0.2 N m beside its own noise.
+    assert torque_noise(replace(both, position=None), 0.05, 0.03) == 0.0
+
+
+def test_what_the_machine_may_have_felt_is_no_noise_where_the_sensor_could_not_show_it():
+    """A loop on a rate sensor that was not recorded, with an encoder of 500 counts, which shows none of it."""
+    machine = numpy_machine.Machine(kp=2.0, ki=10.0)
+    more = {"seconds": 8.0, "dt": 2e-3, "velocity_noise": 0.15, "sensors": ("position",)}
+    coarse = numpy_machine.record(machine, position_step=2.0 * np.pi / 500.0, **more)
+    assert torque_noise(coarse, 0.05, 0.03) == 0.0
+    assert torque_noise(coarse, 0.05e-3, 0.03e-3) > 0.2  # it would have shown on so light a machine
+    assert without_noise(coarse, 0.0)[0] is coarse
 
 
 def test_a_gap_is_as_large_where_a_loop_answers_its_sensor_s_noise():
@@ -88,8 +106,8 @@ def test_a_gap_is_as_large_where_a_loop_answers_its_sensor_s_noise():
 def test_a_ripple_as_weak_as_the_noise_of_its_octave_stays():
     time = 1e-2 * np.arange(4000)
     ripple = 0.05 * np.sin(2.0 * np.pi * 3.0 * time)
-    log = replace(friction_measurement(), time=time, torque=ripple, velocity=None, position=np.zeros(4000),
-                  reference=None)  # fmt: skip
+    velocity = 0.02 * np.random.default_rng(3).standard_normal(4000)
+    log = replace(friction_measurement(), time=time, torque=ripple, velocity=velocity, reference=None)
     noisy = measured(log)
     quiet, noise = without_noise(noisy, torque_noise(noisy))
     kept = 2.0 * np.mean(quiet.torque * np.sin(2.0 * np.pi * 3.0 * time))
@@ -113,6 +131,34 @@ def test_what_is_left_of_the_noise_has_the_density_that_is_said():
     said = TorqueNoise(1.0, taken, 1e-2).left(np.fft.rfftfreq(256, 1e-2)[1:-1])
     assert np.sqrt(power) == pytest.approx(said, abs=0.1)
     assert [np.std(part) for part in parts] == pytest.approx(gains(5), rel=0.05)
+
+
+def test_a_soft_spring_is_charged_with_the_noise_that_it_keeps_from_the_load():
+    log = friction_measurement()
+    noise = TorqueNoise(0.1, (False,) * 4, log.dt)
+    search = make_search([log], [], load_model(SMALL), noise=(noise,))
+    spring = next(effect for effect in EFFECTS if effect.name == "compliance")
+
+    def volumes(side):
+        candidates = [search.candidate(Start((spring,), (), values(hertz, side))) for hertz in (2.0, 8.0)]
+        fitter = search.fitters[candidates[0].family.key]
+        kept = np.where(search.modes.sensor, 0.0, 3.0)
+        counted = np.stack([0.0 * kept, 0.0 * kept, kept])
+        soft = candidates[0]
+        slope = fitter.log_volume_slope(soft, counted)
+        place = [search.family((spring,)).parameters[i].name for i in soft.free].index("frequency")
+        ends = np.repeat(soft.vector[None], 2, 0)
+        ends[:, soft.free[place]] += 1e-3 * soft.scale[place] * np.array([-1.0, 1.0])
+        low, high = fitter.log_volumes(ends, counted)
+        assert slope[place] == pytest.approx(0.5 * (high - low) / 2e-3, rel=1e-2)
+        return [fitter.log_volume(c, counted) for c in candidates]
+
+    def values(hertz, side):
+        return {"frequency": hertz, "damping_ratio": 0.1, "load_share": 0.5, "load_side": side}
+
+    soft, stiff = volumes(1.0)
+    assert soft > stiff > 0.0
+    assert volumes(0.0)[0] < soft  # the motor feels it
 
 
 def test_noise_of_the_torque_alone_is_no_gap():

@@ -37,14 +37,12 @@ def judged(
     floor=1e-3,
     share=None,
     whole=1.0,
-    shared=False,
-    nominal=None,
     **more,
 ):
     """The verdict on a chosen model beside its rivals, of sizes [N m] and shares [1] as they are given."""
     decision = SimpleNamespace(
         exact=SimpleNamespace(evidence=exact, candidate=SimpleNamespace(values=lambda: NOMINAL)),
-        nominal=weighed("cogging", -1e9, left=numbers) if nominal is None else nominal,
+        nominal=weighed("cogging", -1e9, left=numbers),
         singles=(),
         chosen=chosen,
         rivals=tuple(rivals),
@@ -55,4 +53,4 @@ def judged(
     torque = 5.0
     share = before / torque if share is None else share
     sizes = (before, left * before, floor, share, {})
-    return verdict(decision, Seen(*sizes, tuple(readings), frozenset(allowed), **more), shared=shared)
+    return verdict(decision, Seen(*sizes, tuple(readings), frozenset(allowed), **more))

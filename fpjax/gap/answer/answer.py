@@ -51,8 +51,8 @@ class Answer:
         learned_model: the corrected model with the learned laws beside the causes, as `servo.toml` text; "" without.
         posterior: distribution of the fitted parameters, from which machines can be drawn; None where unknown.
         free_replay: how far free simulations leave the motion, before and after; None where unknown.
-        undecided: effects of the corrected model that take a part of the gap and are no causes, since others would do
-            nearly as well; `steps` holds them behind the causes.
+        undecided: causes of the corrected model that take a part of the gap and are not asserted, since others would do
+            nearly as well; `steps` holds them last.
         contradiction: of an unexplained gap, what of the logs cannot be so (a unit, a sign, a column, the model of
             another machine), so that no cause is asserted; "" for nothing.
     """
@@ -107,7 +107,8 @@ class Answer:
 
     def to_dict(self) -> JsonObject:
         """The contract's `diagnosis.json` (numbers, strings, lists and dictionaries only), and beside it `ahead`,
-        `tracking`, `free_replay`, `contradiction`, `undecided`, `seconds`, `provenance`, `allowed_effects` and
+        `tracking`, `free_replay`, `contradiction`, `undecided`,
+        `closed_by_causes`, `seconds`, `provenance`, `allowed_effects` and
         `model_missing`.
         """
         return {
@@ -131,6 +132,7 @@ class Answer:
             "free_replay": None if self.free_replay is None else self.free_replay.to_dict(),
             "contradiction": self.contradiction,
             "undecided": list(self.undecided),
+            "closed_by_causes": self.closed_by_causes,
             "allowed_effects": list(self.allowed) if self.allowed else "all",
             "seconds": {stage: round(spent, 3) for stage, spent in self.seconds.items()},
             "provenance": self.provenance,

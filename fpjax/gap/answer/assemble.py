@@ -11,10 +11,10 @@ from ...model_file import Model
 from ...output.stages import StageClock
 from ..data.record import Record, in_one_piece
 from ..effects.experiments import Experiment, next_experiment
+from ..fit.band import unfelt
 from ..fit.search import Search
-from ..select.decision import Decision
+from ..select.decision import Decision, near_models
 from ..select.readings import LATE, Reading, material, rounding, sure_readings
-from ..select.shared_numbers import near_models
 from ..select.statement import Verdict
 from ..thresholds import THRESHOLDS
 from .answer import Answer
@@ -111,7 +111,7 @@ def assemble(
     everywhere = decision.exact.missing_rms([np.arange(len(record.starts)) for record in records])
     said = [*at_bounds(chosen, search.setting.units), *beyond_torque(gap, torque), *warnings]
     said += [] if gapless else [*pushes(decision, records), *rounding_left(rounding_of(search, chosen)[0], gap)]
-    said += not_answered(search.modes, search.unfelt, search.setting.units, torque)
+    said += not_answered(search.modes, unfelt(search.modes, search.setting.torque_noise), search.setting.units, torque)
     said += [
         *undecided_effects(found.undecided, causes, _in_place(decision, (*causes, *found.undecided))),
         *details(chosen, causes, found.undecided),

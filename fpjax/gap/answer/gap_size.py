@@ -59,10 +59,11 @@ def steps_of(
         search: of the logs.
         decision: its `path` holds the models between, each with one cause more.
         causes: asserted causes of the machine, the most important first.
-        undecided: effects of the chosen model that take a part of the gap too: they come behind the causes.
+        undecided: causes of the chosen model that are not asserted and take a part of the gap too: they come last.
     """
     causes = (*causes, *undecided)
-    if len(causes) > 1 and any(map(is_number, causes)):
+    # The models that were tried on the way had other causes first, or all numbers free.
+    if undecided or (len(causes) > 1 and any(map(is_number, causes))):
         return _steps_with_numbers(search, decision, causes)
     chosen = decision.chosen.fit
     steps: list[Step] = []

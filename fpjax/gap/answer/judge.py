@@ -7,13 +7,13 @@ import numpy as np
 
 from ...logs.arrays import Values
 from ..effects.twins import single_twins
-from ..fit.candidate import NOMINAL, Fit, Start, nominal_sizes
+from ..fit.candidate import NOMINAL, Fit, nominal_sizes
 from ..fit.search import Search
 from ..select.decision import Decision, by_numbers
 from ..select.dominant import DominantVariable, dominant
 from ..select.readings import ROUNDING, Reading, beside_gap
 from ..select.shares import absent_friction
-from ..select.statement import Seen, Verdict, is_number
+from ..select.statement import Seen, Verdict
 from ..select.verdict import verdict
 from ..select.weighed import CONTAINED, gap_share
 from ..thresholds import THRESHOLDS, Thresholds
@@ -53,7 +53,6 @@ class Judged:
     Attributes:
         decision: the one that is reported: as it was found, or with the nominal numbers alone.
         verdict: on it.
-        seen: sizes that it hangs on.
         gap: before and after, on withheld windows.
         spread: covariance of the chosen model's free parameters.
         dominant_variable: the variable that the missing torque is mostly a function of; None where none stands out.
@@ -63,7 +62,6 @@ class Judged:
 
     decision: Decision
     verdict: Verdict
-    seen: Seen
     gap: Gap
     spread: Values
     dominant_variable: DominantVariable | None
@@ -77,8 +75,7 @@ def judge(search: Search, decision: Decision, read: Read, curves: Curves, unit: 
     If effects beside wrong nominal numbers are not certain enough to assert, and the nominal numbers alone explain the
     gap or a part of it, the numbers are reported, unless an effect beside them makes them right: else they are wrong
     whichever effect stands beside them. So is friction that the nominal model has none of, on a machine that vibrates,
-    if it explains what moves it. Where the numbers alone do not, those are told that every model has which does nearly
-    as well, beside the effects of the chosen one, which stay undecided.
+    if it explains what moves it.
 
     Args:
         search: of the logs.
@@ -88,35 +85,19 @@ def judge(search: Search, decision: Decision, read: Read, curves: Curves, unit: 
         unit: of the missing torque.
     """
     found = _judge(search, decision, read, curves, unit)
-    if found.verdict.word != "unexplained":
+    wrong = decision.nominal.fit.candidate.wide
+    if found.verdict.word != "unexplained" or not wrong:
         return found
     misread = {name for one in read.readings for name in (one.effect, one.rival)}
     absent = absent_friction(decision.exact)
     measures = ([False] if decision.chosen.structural else []) + ([True] if absent else [])
-    measures = measures if decision.nominal.fit.candidate.wide else []
     for moving in measures:
         numbers = _judge(search, by_numbers(search, decision, moving=moving), read, curves, unit)
         if numbers.verdict.word not in ("explained", "partly_explained") or not _persist(numbers, decision):
             continue
         if not moving or _moves_without(absent, numbers, decision):
             return replace(numbers, verdict=_with_effects_behind(numbers.verdict, found.verdict, misread))
-    shared = verdict(decision, found.seen, shared=True)
-    if shared.word == "unexplained" or not _take_alone(search, decision, shared):
-        return found
-    return replace(found, verdict=_with_effects_behind(shared, found.verdict, misread))
-
-
-def _take_alone(search: Search, decision: Decision, shared: Verdict, t: Thresholds = THRESHOLDS) -> bool:
-    """Whether numbers that are told without the effects beside them take without these nearly what they take with them.
-
-    Else they stand with one of the effects, and are no surer than that.
-    """
-    numbers = tuple(name.removesuffix("_error") for name in shared.causes if is_number(name))
-    (fit,) = search.fitted([Start((), numbers, {})])
-    everywhere = [np.arange(len(own)) for own in decision.exact.missing]
-    before, after = (one.missing_rms(everywhere) for one in (decision.exact, fit))
-    share = sum(decision.shares[f"{number}_error"] for number in numbers)
-    return before**2 - after**2 >= (1.0 - t.closes) * share * before**2
+    return found
 
 
 def _moves_without(absent: Collection[str], numbers: Judged, decision: Decision) -> bool:
@@ -268,4 +249,4 @@ def _judge(search: Search, decision: Decision, read: Read, curves: Curves, unit:
     variable = dominant(curves.by)
     if variable is not None:
         variable = replace(variable, named=float(np.clip(seen.named, 0.0, 1.0)))
-    return Judged(decision, verdict(decision, seen), seen, gap, spread, variable, before, after)
+    return Judged(decision, verdict(decision, seen), gap, spread, variable, before, after)

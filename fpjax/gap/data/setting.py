@@ -51,7 +51,7 @@ class Setting:
         contacts: start values by name of backlashes, the most likely first; None where they were not searched for,
             empty where no stretch of the log could be used.
         springs: likewise of springs, the sensors on either side.
-        torque_noise: what is left of the noise of measured torques, one a log that had some.
+        torque_noise: what is left of the noise of measured torques, one a log, or none at all.
     """
 
     inertia: float

@@ -10,13 +10,14 @@ Analysis", 2006). Edges of the torque stand above its noise in them and stay.
 """
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...logs import Log
 from ...logs.arrays import Values
+from ...logs.noise import noise_level
 from ..thresholds import THRESHOLDS
 
 SPLINE = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
@@ -25,6 +26,7 @@ EDGE = 3.5  # standard deviations of the noise from which a value is the torque'
 LAGS = 3  # samples on either side, at an octave's own rate, in which a reading may answer
 ENOUGH = 10  # values of an octave for each weight of that answer
 BY_CHANCE = 1e-3  # lines that noise alone may show in an octave
+SHOWS = 3.0  # of a sensor's noise in an octave [1]: a motion that large would have answered nine tenths of the torque
 EXCESS = 0.1  # of the noise's power [1] that an octave may hold beside it and still be noise alone
 LOOKED_AT = 100_000  # samples
 
@@ -50,29 +52,71 @@ class TorqueNoise:
         return self.size * np.abs(np.sum([rest, *kept], axis=0))
 
 
-def torque_noise(log: Log) -> float:
+def torque_noise(log: Log, inertia: float, viscous: float) -> float:
     """Standard deviation of the white noise of a log's torque that nothing else recorded answers [N m].
 
-    0 where it would be too little to matter (`nothing`). A torque that was commanded has none: its loop's noise, or an
-    excitation, shows in what else was recorded. Whether a column was measured its name does not always say.
+    0 where it would be too little to matter (`nothing`), and where the machine could have felt it without that the
+    sensors would show it. A torque that was commanded has none: its loop's noise, or an excitation, shows in what else
+    was recorded. Whether a column was measured its name does not always say.
 
     Args:
         log: as recorded.
+        inertia: nominal J [kg m^2].
+        viscous: nominal B [N m s/rad].
     """
     part = slice(0, LOOKED_AT)
     torque = np.asarray(log.torque, float)[part]
-    others = [log.velocity, log.position, log.reference]
-    recorded = [np.asarray(one, float)[part] for one in others if one is not None and np.ptp(one)]
-    found = _unanswered(torque, recorded, first=1 if log.resampled else 0)
-    return found if found > THRESHOLDS.nothing * float(np.sqrt(np.mean(torque**2))) else 0.0
+    motion = {
+        order: np.asarray(one, float)[part]
+        for order, one in enumerate((log.velocity, log.position))
+        if one is not None and np.ptp(one)
+    }
+    others = [*motion.values()]
+    if log.reference is not None and np.ptp(log.reference):
+        others.append(np.asarray(log.reference, float)[part])
+    found = _unanswered(torque, others, first=1 if log.resampled else 0)
+    if not found > THRESHOLDS.nothing * float(np.sqrt(np.mean(torque**2))):
+        return 0.0
+    return found if _would_show(found, motion, inertia, viscous, float(log.dt), len(torque)) else 0.0
+
+
+def _would_show(
+    noise: float, motion: Mapping[int, Values], inertia: float, viscous: float, dt: float, samples: int
+) -> bool:
+    """Whether a torque of white noise would move the nominal mass in some octave far beyond the noise of a sensor.
+
+    Args:
+        noise: of the torque [N m].
+        motion: columns of the velocity (0) and of the position (1).
+        inertia: J [kg m^2].
+        viscous: B [N m s/rad].
+        dt: control period [s].
+        samples: in a column.
+    """
+    frequency = np.arange(1, samples // 2 + 1) / samples
+    angular = 2.0 * np.pi * frequency / dt
+    moved = noise / np.abs(1j * angular * inertia + viscous)
+    octaves, _ = passed(frequency, _octaves(samples, 0, (2 * LAGS + 1) * len(motion)))
+    for order, column in motion.items():
+        size, reading = moved / angular**order, noise_level(column)
+        for own in octaves:
+            if np.sum((own * size) ** 2) > SHOWS**2 * reading**2 * np.sum(own**2):
+                return True
+    return False
+
+
+def _octaves(samples: int, first: int, weights: int) -> int:
+    """Number of octaves that hold enough values for an answer of so many weights, from one on."""
+    octaves = first + 1
+    while samples >> (octaves + 1) >= ENOUGH * max(weights, 1):
+        octaves += 1
+    return octaves
 
 
 def _unanswered(torque: Values, others: Sequence[Values], first: int) -> float:
     """`torque_noise` of columns, from an octave on: resampling takes a part of the noise in the fastest one."""
     weights = (2 * LAGS + 1) * len(others)
-    octaves = first + 1
-    while len(torque) >> (octaves + 1) >= ENOUGH * max(weights, 1):
-        octaves += 1
+    octaves = _octaves(len(torque), first, weights)
     sizes = gains(octaves)
     columns = [details(one, octaves)[0] for one in others]
     found = []
@@ -109,12 +153,16 @@ def without_noise(log: Log, noise: float) -> tuple[Log, TorqueNoise]:
         noise: of `torque_noise` [N m].
     """
     torque = np.asarray(log.torque, float)
+    if noise == 0.0:
+        return log, TorqueNoise(0.0, (), float(log.dt))
     count = max(int(np.log2(len(torque) / 8)), 1)
     parts, rest = details(torque, count)
     edges = [np.abs(own) > EDGE * noise * size for own, size in zip(parts, gains(count), strict=True)]
     noisy = [_is_noise(own, edge, noise, octave) for octave, (own, edge) in enumerate(zip(parts, edges, strict=True))]
     fast = count if all(noisy) else max(noisy.index(False) - 1, 0)
     taken = tuple(octave < fast for octave in range(count))
+    if not fast:
+        return log, TorqueNoise(0.0, (), float(log.dt))  # it holds more in every octave: nothing is known of its noise
     for own, edge, gone in zip(parts, edges, taken, strict=True):
         rest = rest + (np.where(edge, own, 0.0) if gone else own)
     return dataclasses.replace(log, torque=rest), TorqueNoise(noise, taken, float(log.dt))
@@ -171,9 +219,12 @@ def gains(octaves: int) -> Values:
     return np.array([np.sqrt(np.sum(part**2)) for part in details(one, octaves)[0]])
 
 
-def about_torque_noise(log: Log, noise: float) -> str:
+def about_torque_noise(log: Log, noise: TorqueNoise) -> str:
     """What was noticed of a measured torque and done."""
+    slowest = 0.5 / noise.dt / 2.0 ** sum(noise.taken)
+    effort, unit = ("force", "N") if log.linear else ("torque", "N m")
     return (
-        f"{log.name}: the measured {'force' if log.linear else 'torque'} holds white noise of {noise:.3g} "
-        f"{'N' if log.linear else 'N m'} rms that no reading answers: it was taken out before the gap was measured."
+        f"{log.name}: the {effort} holds white noise of {noise.size:.3g} {unit} rms that no reading answers, as a "
+        f"measured one does: above {slowest:.3g} Hz it was taken out before the gap was measured, and below it counts "
+        "as noise."
     )

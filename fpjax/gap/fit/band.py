@@ -62,20 +62,18 @@ def unanswered(modes: Modes, level: Values, there: Values) -> Values:
     return found
 
 
-def unfelt(modes: Modes, noises: Sequence[TorqueNoise], logs: int) -> Values:
+def unfelt(modes: Modes, noises: Sequence[TorqueNoise]) -> Values:
     """What is left of the noise of measured torques, by octave [N m], shape (bands,): the simulations feel it alone.
 
     Args:
         modes: of a window.
-        noises: what is left in each log that had some.
-        logs: number of all logs.
+        noises: what is left in each log.
     """
-    squares = np.sum([noise.left(modes.frequency) ** 2 for noise in noises], axis=0) / logs
     found = np.zeros(modes.bands)
     for band in range(modes.bands):
         own = (modes.band == band) & ~modes.sensor
         if noises and np.any(own):
-            found[band] = np.sqrt(np.mean(squares[own]))
+            found[band] = np.sqrt(np.mean([noise.left(modes.frequency[own]) ** 2 for noise in noises]))
     return found
 
 

@@ -56,9 +56,7 @@ class Response:
         guide = runner.tables[0].guide
         self.guide = float(guide.stiffness), float(guide.damping)
         # Noise of a measured torque, which drives the simulations alone [N^2 m^2], by mode.
-        self.unfelt = np.where(
-            modes.sensor, 0.0, unfelt(modes, setting.torque_noise, len(self.records))[modes.band] ** 2
-        )
+        self.unfelt = np.where(modes.sensor, 0.0, unfelt(modes, setting.torque_noise)[modes.band] ** 2)
         self._places = {p.name: index for index, p in enumerate(self.family.parameters)}
         self._nominal = self._response(self.family.neutral(setting)[None])[0]
         # s^2 of each window: windows with repeated readings have more noise. Rounded to powers of two, so that many

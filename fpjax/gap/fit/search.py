@@ -75,10 +75,8 @@ class Search:
             base = self._base(wide=NOMINAL)
         # What the readings hold beyond noise that is no torque, beside a fit of the nominal model.
         fitter = self.fitters[base.family.key]
-        unread = unanswered(self.modes, base.level, fitter.commanded + fitter.inertial)
-        self.unfelt = unfelt(self.modes, setting.torque_noise, len(records))
-        """Noise of a measured torque that is no missing torque either, by octave [N m]."""
-        if np.any(noisy := np.hypot(unread, self.unfelt)):
+        noisy = unanswered(self.modes, base.level, fitter.commanded + fitter.inertial)
+        if np.any(noisy := np.hypot(noisy, unfelt(self.modes, setting.torque_noise))):
             self._begin(replace(self.modes, unanswered=noisy))
             base = self._base(wide=NOMINAL)
         self.moves = 1.0 / (1.0 + (self.modes.frequency / highest_of_speed(records)) ** 2)

@@ -27,7 +27,7 @@ def header(diagnosis: Answer) -> str:
     origin = " · ".join(["Sim-to-real gap", *(name for name in inputs if name)])
     sure = confidence_sentence(diagnosis)
     # The badge of a partly explained gap is filled as far as the gap is closed.
-    closed = f' style="--closed:{diagnosis.gap.closed:.0%}"' if diagnosis.verdict == "partly_explained" else ""
+    closed = f' style="--closed:{diagnosis.closed_by_causes:.0%}"' if diagnosis.verdict == "partly_explained" else ""
     badge = f'<span class="badge"{closed}>{text(verdict_title(diagnosis))}</span>'
     confidence = (
         f'<span class="confidence">Confidence: <b>{text(sure[:1].lower() + sure[1:].rstrip("."))}</b></span>'
@@ -92,6 +92,7 @@ def _facts(diagnosis: Answer) -> str:
             if closed.bounded
             else ""
         )
-        title = "Gap closed" if diagnosis.causes else "Closed by the best attempt"
+        with_them = " with what is not sure" if diagnosis.undecided else ""
+        title = f"Gap closed{with_them}" if diagnosis.causes else "Closed by the best attempt"
         cells.append(f'<div class="is-closed"><dt>{title}</dt><dd>{percent(closed.value)}{interval}</dd></div>')
     return f'<dl class="facts">{"".join(cells)}</dl>'

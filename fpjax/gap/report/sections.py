@@ -290,7 +290,7 @@ def model(diagnosis: Answer) -> str:
         )
     use = use_sentence(diagnosis.model)
     if diagnosis.verdict == "partly_explained":
-        use += f" Tune with a margin for the {show_percent(1.0 - diagnosis.gap.closed)} that is left."
+        use += f" Tune with a margin for the {show_percent(1.0 - diagnosis.closed_by_causes)} that is left."
     if diagnosis.verdict == "unexplained":
         use = "This is the best attempt, and it does not fit: do not tune gains in it."
     if not diagnosis.nominal.strip():

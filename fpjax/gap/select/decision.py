@@ -181,6 +181,17 @@ def decide(
     )  # fmt: skip
 
 
+def near_models(decision: Decision) -> list[Weighed]:
+    """Models that lack less of the chosen one's worth than what makes a cause sure (`clear`), the most worth first.
+
+    Args:
+        decision: on the fits.
+    """
+    enough = (1.0 - THRESHOLDS.clear) * decision.chosen.worth
+    tried = (decision.nominal, *decision.singles, *decision.rivals)
+    return sorted((w for w in tried if w.worth > max(enough, 0.0)), key=lambda w: -w.worth)
+
+
 def by_numbers(search: Search, decision: Decision, *, moving: bool = False) -> Decision:
     """The same decision without an effect: what the nominal numbers alone are to blame for.
 

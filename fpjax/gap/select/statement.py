@@ -78,8 +78,8 @@ class Verdict:
         among: probability by effect that it is among the causes [1].
         margin: worth of the chosen model over that of the best one without its leading cause [nats].
         ahead: how far the leading cause is beyond the others' reach [1]; 0 where nothing leads.
-        undecided: effects of the chosen model that take a part of the gap too, and are not asserted, since other
-            effects do nearly as well in their place.
+        undecided: causes of the chosen model that take a part of the gap too, and are not asserted, since others do
+            nearly as well in their place.
     """
 
     word: Word

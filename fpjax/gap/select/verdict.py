@@ -10,7 +10,6 @@ from .decision import Decision
 from .dominant import believed, dominant
 from .misread import told_readings, with_readings
 from .nominal_errors import wrong_numbers
-from .shared_numbers import shared_numbers
 from .simpler import CONSTANT, FACTORS, ONE_FOR_MANY
 from .statement import Seen, Verdict, Word, is_number
 from .weighed import CONTAINED, Weighed
@@ -22,35 +21,32 @@ class _Set:
     worth: float  # in nats: of the chosen model, its evidence over the nominal model as given
 
 
-def verdict(decision: Decision, seen: Seen, thresholds: Thresholds = THRESHOLDS, *, shared: bool = False) -> Verdict:
+def verdict(decision: Decision, seen: Seen, thresholds: Thresholds = THRESHOLDS) -> Verdict:
     """The word, the causes and the probabilities.
 
     Args:
         decision: of the fits.
         seen: sizes.
         thresholds: every number that decides.
-        shared: whether numbers that are wrong in every model near the chosen one may be told without the rest.
     """
     told = _chosen_names(decision, seen, thresholds)
     case = _case(decision, seen, told, thresholds)
     if case.word == "unexplained":
         case = _led_by_another(decision, seen, told, thresholds) or case
-    if case.word == "unexplained" and shared:
-        case = _led_by_number(decision, seen, told, thresholds) or case
     asserted = (case.sure or case.chosen.names) if case.word in ("explained", "partly_explained") else ()
-    top = _top(case.word, case.chosen, case.lead, _left(seen, decision.whole, thresholds), thresholds)
+    top = _top(case, seen, decision, thresholds)
     shares = _shares(case.sets, top, thresholds.temper)
     main, among = _by_effect(shares)
     right = _right(asserted, shares, main)
-    undecided = tuple(name for name in told if name not in asserted) if case.sure else ()
-    found = Verdict(case.word, asserted, right, main, among, case.margin, case.lead, undecided)
+    found = Verdict(case.word, asserted, right, main, among, case.margin, case.lead)
     sizes = _sizes(decision, seen, thresholds)
     readings = tuple(name for name in told_readings(found, seen, thresholds) if name not in found.causes)
     # Beside a position that cannot be right nothing is known of the velocity column.
-    if not readings or (seen.contradicted and found.word == "unexplained"):
-        return found
-    # As an effect is: beside several wrong numbers by what these leave of the gap.
-    return with_readings(found, readings, sizes.energy, sizes.whole, seen, thresholds)
+    if readings and not (seen.contradicted and found.word == "unexplained"):
+        # As an effect is: beside several wrong numbers by what these leave of the gap.
+        found = with_readings(found, readings, sizes.energy, sizes.whole, seen, thresholds)
+    undecided = tuple(name for name in told if name not in found.causes) if case.sure else ()
+    return replace(found, undecided=undecided)
 
 
 @dataclass(frozen=True)
@@ -94,20 +90,6 @@ def _led_by_another(decision: Decision, seen: Seen, told: tuple[str, ...], t: Th
         sure = tuple(n for n in case.chosen.names if all(n in one.names for one in near))
         return replace(case, sure=sure)
     return None
-
-
-def _led_by_number(decision: Decision, seen: Seen, told: tuple[str, ...], t: Thresholds) -> _Case | None:
-    """A part led by a wrong number that every model near the chosen one has, whatever effect is beside it.
-
-    It must be nearly as large as the largest cause. Not where that may be none.
-    """
-    numbers = shared_numbers(decision, told, seen.sizes, t)
-    if not numbers or told[0] in seen.unshown or decision.shares[numbers[0]] < t.leads * decision.shares[told[0]]:
-        return None
-    case = _case(decision, seen, (numbers[0], *(name for name in told if name != numbers[0])), t)
-    if case.word == "unexplained" or max(case.lead, decision.lost.get(numbers[0], 0.0)) < t.clear:
-        return None
-    return replace(case, word="partly_explained", sure=numbers)
 
 
 @dataclass(frozen=True)
@@ -255,9 +237,10 @@ def _word(decision: Decision, seen: Seen, chosen: _Set, near: int, lead: float, 
     left = _left(seen, decision.whole, t)
     # A gap below the noise floor may still be explained: evidence sums over all windows, the rms does not.
     hidden = (seen.before < seen.floor or seen.share < t.slight) and decision.chosen.gain < t.chance
-    # Of a slight one that they do not close, causes are no more than details of a machine that is right.
-    hidden = hidden or (seen.share < t.slight and not left < t.closes)
     if seen.share < t.nothing or hidden or _counts_as_right(decision, t):
+        return "no_gap"
+    # Of a slight one that they do not close, causes are no more than details of a machine that is right.
+    if seen.share < t.slight and not left < t.closes and not seen.contradicted:
         return "no_gap"
     if seen.contradicted or (chosen.names and chosen.names[0] in seen.unshown):
         return "unexplained"
@@ -338,18 +321,20 @@ def _lead(decision: Decision, chosen: _Set, margin: float, t: Thresholds) -> flo
     return float(np.clip(margin / decision.chosen.gain, 0.0, 1.0)) if decision.chosen.gain > 0.0 else 0.0
 
 
-def _top(word: Word, chosen: _Set, lead: float, left: float, t: Thresholds) -> float:
+def _top(case: _Case, seen: Seen, decision: Decision, t: Thresholds) -> float:
     """Probability that any of the sets tried is right."""
-    if word == "no_gap":
-        return t.right_no_gap
-    if word == "partly_explained" and is_number(chosen.names[0]):
+    if case.word == "no_gap":
+        # A slight gap that is not closed, though effects bring evidence: one of them may be the cause of it.
+        slight = seen.share >= t.nothing and seen.before >= seen.floor and decision.chosen.gain >= t.chance
+        return t.right_unexplained[0] if slight and not _counts_as_right(decision, t) else t.right_no_gap
+    if case.word == "partly_explained" and is_number(case.chosen.names[0]):
         return t.right_partly_number
-    if word == "partly_explained" and not left < t.part:
+    if case.word == "partly_explained" and not _left(seen, decision.whole, t) < t.part:
         return t.right_dominant
     table = {
         "explained": t.right_explained, "partly_explained": t.right_partly, "unexplained": t.right_unexplained,
     }  # fmt: skip
-    return table[word][0 if lead >= t.clear else 2 if lead < t.contested else 1]
+    return table[case.word][0 if case.lead >= t.clear else 2 if case.lead < t.contested else 1]
 
 
 def _shares(sets: Sequence[_Set], top: float, temper: float) -> list[tuple[_Set, float]]:
