@@ -90,6 +90,11 @@ def test_what_the_machine_may_have_felt_is_no_noise_where_the_sensor_could_not_s
     assert torque_noise(coarse, 0.05, 0.03) == 0.0
     assert torque_noise(coarse, 0.05e-3, 0.03e-3) > 0.2  # it would have shown on so light a machine
     assert without_noise(coarse, 0.0)[0] is coarse
+    # An excitation by noise, of which friction lets the encoder see little.
+    white = np.random.default_rng(0).standard_normal(4000)
+    loose = dict(more, feedforward=white, position_step=2.0 * np.pi / 500.0)
+    excited = numpy_machine.record(numpy_machine.Machine(kp=0.0, ki=0.0), **loose)
+    assert torque_noise(excited, 0.05, 0.03) == 0.0
 
 
 def test_a_gap_is_as_large_where_a_loop_answers_its_sensor_s_noise():
@@ -105,7 +110,7 @@ def test_a_gap_is_as_large_where_a_loop_answers_its_sensor_s_noise():
 
 def test_a_ripple_as_weak_as_the_noise_of_its_octave_stays():
     time = 1e-2 * np.arange(4000)
-    ripple = 0.05 * np.sin(2.0 * np.pi * 3.0 * time)
+    ripple = 0.05 * np.sin(2.0 * np.pi * 3.0 * time) + 0.5 * np.sin(2.0 * np.pi * 0.1 * time)
     velocity = 0.02 * np.random.default_rng(3).standard_normal(4000)
     log = replace(friction_measurement(), time=time, torque=ripple, velocity=velocity, reference=None)
     noisy = measured(log)

@@ -26,6 +26,7 @@ EDGE = 3.5  # standard deviations of the noise from which a value is the torque'
 LAGS = 3  # samples on either side, at an octave's own rate, in which a reading may answer
 ENOUGH = 10  # values of an octave for each weight of that answer
 BY_CHANCE = 1e-3  # lines that noise alone may show in an octave
+MOST = 0.5  # of the torque's rms [1]: a column with more noise is no measurement
 SHOWS = 3.0  # of a sensor's noise in an octave [1]: a motion that large would have answered nine tenths of the torque
 EXCESS = 0.1  # of the noise's power [1] that an octave may hold beside it and still be noise alone
 LOOKED_AT = 100_000  # samples
@@ -55,7 +56,8 @@ class TorqueNoise:
 def torque_noise(log: Log, inertia: float, viscous: float) -> float:
     """Standard deviation of the white noise of a log's torque that nothing else recorded answers [N m].
 
-    0 where it would be too little to matter (`nothing`), and where the machine could have felt it without that the
+    0 where it would be too little to matter (`nothing`), where it would be most of the torque (an excitation by noise,
+    with a sensor that shows little of it), and where the machine could have felt it without that the
     sensors would show it. A torque that was commanded has none: its loop's noise, or an excitation, shows in what else
     was recorded. Whether a column was measured its name does not always say.
 
@@ -75,7 +77,8 @@ def torque_noise(log: Log, inertia: float, viscous: float) -> float:
     if log.reference is not None and np.ptp(log.reference):
         others.append(np.asarray(log.reference, float)[part])
     found = _unanswered(torque, others, first=1 if log.resampled else 0)
-    if not found > THRESHOLDS.nothing * float(np.sqrt(np.mean(torque**2))):
+    size = float(np.sqrt(np.mean(torque**2)))
+    if not THRESHOLDS.nothing * size < found < MOST * size:
         return 0.0
     return found if _would_show(found, motion, inertia, viscous, float(log.dt), len(torque)) else 0.0
 
