@@ -6,6 +6,7 @@ computed again.
 """
 
 import contextlib
+import dataclasses
 import hashlib
 import io
 import json
@@ -32,7 +33,7 @@ from .sweep_axis import Axis
 
 MANIFEST = "sweep.json"
 STEPPING = "step, duration or solver"
-FORM = 3  # version of the file format; 1 had no checksums, 2 no parts
+FORM = 4  # version of the file format; 1 had no checksums, 2 no parts, 3 references to the last digit
 NAMED = 5  # most damaged chunks that a warning lists
 _CHUNK_NAME = re.compile(r"chunk-(\d{7,})\.npy")
 _PARTIAL_NAME = re.compile(r"\.(chunk-\d{7,}|cost)\.npy\..*\.partial")
@@ -328,7 +329,8 @@ def fingerprint(problem: Problem, axes: Sequence[Axis], chunk: int) -> str:
     Raises:
         InputError: for a lambda or a function defined within another: its code is not hashed, and its name is shared.
     """
-    return _checksum({"form": FORM, "problem": _digest(problem, repr([*axes, chunk])), "versions": dict(versions())})
+    told = dataclasses.replace(problem, references=_to_rounding(problem.references))
+    return _checksum({"form": FORM, "problem": _digest(told, repr([*axes, chunk])), "versions": dict(versions())})
 
 
 def fingerprints(problem: Problem, axes: Sequence[Axis], chunk: int) -> dict[str, str]:
@@ -343,10 +345,25 @@ def fingerprints(problem: Problem, axes: Sequence[Axis], chunk: int) -> dict[str
         "chunk size": str(chunk),
         "loop": _digest(problem.loop),
         STEPPING: _digest((problem.stepper, problem.time)),
-        "reference": _digest(problem.references),
+        "reference": _digest(_to_rounding(problem.references)),
         "objective or cases": _digest(cases, repr((problem.seeds, problem.aggregate))),
         "versions": _checksum(dict(versions())),
     }
+
+
+def _to_rounding(tables: Sequence[jax.Array]) -> tuple[np.ndarray, ...]:
+    """Tables of a reference, those in double precision as whole parts of a 2^24th of the largest value, and that value.
+
+    Compiled anew, a sine may be another one in its last digit, and is the same reference.
+    """
+    found: list[np.ndarray] = []
+    for table in map(np.asarray, tables):
+        size = float(np.max(np.abs(table), initial=0.0))
+        if table.dtype != np.float64 or not 0.0 < size < np.inf:
+            found.append(table)
+        else:
+            found += [np.round(table / size * 2.0**24) + 0.0, np.float32(size)]  # no zero below zero
+    return tuple(found)
 
 
 def _digest(part: PyTree, more: str = "") -> str:

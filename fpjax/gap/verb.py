@@ -163,7 +163,7 @@ def _diagnose(
             if least_missing({"recorded": search, "quiet": corrected}, None) == "quiet":
                 (logs, withheld), left = parts, tuple(noise for _, noise in quiet)
                 search = make_search(*parts, model, effects, keep, again=True, noise=left)
-                warnings += [about_torque_noise(log, noise) for log, noise in quiet if any(noise.taken)]
+                warnings += [about_torque_noise(log, noise) for log, noise in quiet if noise.size]
         warnings += about_stretches(search.records)
         if doubts and search.records[0].velocity is None:
             doubts = checked.contradictions(rate=False)

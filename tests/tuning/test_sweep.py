@@ -1,5 +1,6 @@
 """Dense sweeps: the grid, its files, and going on after an interruption."""
 
+import dataclasses
 import itertools
 import os
 import pathlib
@@ -132,6 +133,21 @@ def printed(code, **environment):
         command, capture_output=True, text=True, check=True, cwd=REPO, env={**os.environ, **environment}
     )
     return run.stdout.strip()
+
+
+def test_a_reference_that_differs_by_its_last_digit_is_the_same():
+    problem = make_problem(efp(150.0), SINE, GAINS, objective=tuning.Tracking(), **SHORT)[0]
+    tables = problem.references
+
+    def other(by):
+        return fingerprint(
+            dataclasses.replace(problem, references=tuple(table * (1.0 + by) for table in tables)), [], 8
+        )
+
+    assert other(0.0) == other(2e-16) == other(-2e-16) == fingerprint(problem, [], 8)
+    assert other(1e-6) != other(0.0)
+    turned = dataclasses.replace(problem, references=tuple(-table for table in tables))
+    assert fingerprint(turned, [], 8) != other(0.0)
 
 
 def test_the_identity_of_a_sweep_is_the_same_in_another_process(tmp_path):

@@ -164,8 +164,6 @@ def without_noise(log: Log, noise: float) -> tuple[Log, TorqueNoise]:
     noisy = [_is_noise(own, edge, noise, octave) for octave, (own, edge) in enumerate(zip(parts, edges, strict=True))]
     fast = count if all(noisy) else max(noisy.index(False) - 1, 0)
     taken = tuple(octave < fast for octave in range(count))
-    if not fast:
-        return log, TorqueNoise(0.0, (), float(log.dt))  # it holds more in every octave: nothing is known of its noise
     for own, edge, gone in zip(parts, edges, taken, strict=True):
         rest = rest + (np.where(edge, own, 0.0) if gone else own)
     return dataclasses.replace(log, torque=rest), TorqueNoise(noise, taken, float(log.dt))
@@ -224,10 +222,12 @@ def gains(octaves: int) -> Values:
 
 def about_torque_noise(log: Log, noise: TorqueNoise) -> str:
     """What was noticed of a measured torque and done."""
-    slowest = 0.5 / noise.dt / 2.0 ** sum(noise.taken)
     effort, unit = ("force", "N") if log.linear else ("torque", "N m")
-    return (
+    said = (
         f"{log.name}: the {effort} holds white noise of {noise.size:.3g} {unit} rms that no reading answers, as a "
-        f"measured one does: above {slowest:.3g} Hz it was taken out before the gap was measured, and below it counts "
-        "as noise."
+        "measured one does"
     )
+    if not any(noise.taken):
+        return f"{said}: it counts as noise."
+    slowest = 0.5 / noise.dt / 2.0 ** sum(noise.taken)
+    return f"{said}: above {slowest:.3g} Hz it was taken out before the gap was measured, and below it counts as noise."
