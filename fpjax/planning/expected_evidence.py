@@ -22,7 +22,7 @@ from jaxtyping import Array, Float
 
 from ..gap.data.split import every_fourth
 from ..gap.data.tables import TAPS, Guide, Tables
-from ..gap.effects.vocabulary import stiffness_of
+from ..gap.effects.shaft import stiffness_of
 from ..gap.simulate.replay import advance, assembled, begin, residuals
 from ..gap.simulate.windows import Windows
 from .lanes import RivalLanes

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..gap.effects.vocabulary import stiffness_of
+from ..gap.effects.shaft import stiffness_of
 from ..gap.simulate.family import Family
 from ..gap.simulate.replay import STATES
 from .machines import Shop, Variant

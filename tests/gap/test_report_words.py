@@ -13,7 +13,6 @@ from report_cases import CASES
 from fpjax import dump_model, load_model
 from fpjax.gap import EFFECTS, Estimate, FittedParameter, FreeReplay, Share, Step, Where
 from fpjax.gap.answer.summary import dominant_sentence, verdict_line
-from fpjax.gap.answer.warning_texts import undecided_effects
 from fpjax.gap.report import (
     derived_values,
     digits,
@@ -296,32 +295,6 @@ def test_a_share_that_details_close_too_is_told_with_them():
     sentence = sentences.verdict_sentence(dataclasses.replace(told, steps=steps))
     assert sentence.startswith("Stribeck friction, with presliding friction as a detail, explains")
     assert "lag" not in sentence  # it takes nothing away
-
-
-def test_a_share_is_told_of_the_causes_alone_where_more_is_closed_with_what_is_not_sure():
-    told = CASES["partly_explained"]()
-    before, nan2 = told.gap.before, (math.nan, math.nan)
-    steps = (Step("stribeck", 0.75 * before, nan2), Step("presliding", told.gap.after, nan2))
-    told = dataclasses.replace(
-        told, steps=steps, undecided=("presliding",), gap=dataclasses.replace(told.gap, noise_floor=0.0)
-    )
-    sentence = sentences.verdict_sentence(told).replace("\u202f", " ")
-    assert sentence.startswith("Stribeck friction explains 25 % of the missing torque; with presliding friction, which")
-    assert "does not make sure of, 60 % is closed" in sentence
-    assert "25.0% of the gap is closed on withheld data, 60.0% with presliding, which this log" in verdict_line(told)
-    assert told.to_dict()["closed_by_causes"] == pytest.approx(0.25)
-    assert told.to_dict()["undecided"] == ["presliding"]
-    assert CASES["explained"]().to_dict()["closed_by_causes"] == CASES["explained"]().gap.closed
-    assert [sentences.step_remark(told, name) for name in ("stribeck", "presliding", "cogging")] == [
-        "", " (not sure)", " (a detail)",
-    ]  # fmt: skip
-    head = heading.header(told).replace("\u202f", " ")
-    assert "--closed:25%" in head
-    assert "Gap closed with what is not sure" in head
-    (warned,) = undecided_effects(("presliding",), ("stribeck",), ("backlash", "actuator_lag"))
-    assert "holds presliding, which takes a part" in warned
-    assert "backlash or actuator_lag would do nearly as well" in warned
-    assert undecided_effects((), ("stribeck",), ("backlash",)) == []
 
 
 def test_shares_of_what_moves_the_machine_are_told_apart_from_those_of_the_gap():

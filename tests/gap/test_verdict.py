@@ -39,20 +39,6 @@ def test_the_word_follows_what_is_left_and_how_sure_the_cause_is():
     assert judged(weighed("stribeck", 3.0), [], before=1.0, left=1.0).word == "unexplained"
 
 
-def test_a_slight_gap_that_no_cause_closes_is_none_and_said_with_less_certainty():
-    chosen, torque = weighed("compliance", 500.0), 5.0
-    slight, more = 0.029 * torque, 0.031 * torque
-    assert judged(chosen, [], before=slight, left=0.15).word == "explained"
-    found = judged(chosen, [], before=slight, left=0.25)
-    assert (found.word, found.causes) == ("no_gap", ())
-    assert found.probability == pytest.approx(1.0 - THRESHOLDS.right_unexplained[0])
-    assert judged(chosen, [], before=more, left=0.25).word != "no_gap"
-    assert judged(chosen, [], before=slight, left=0.25, contradicted=True).word == "unexplained"
-    # Without evidence for any effect it is as sure as ever.
-    none = judged(weighed("compliance", 3.0), [], before=slight, left=0.25)
-    assert none.probability == pytest.approx(1.0 - THRESHOLDS.right_no_gap)
-
-
 def test_a_share_of_a_sure_pair_is_the_main_cause_and_each_of_it_is_sure():
     chosen = weighed("unbalance+stribeck", 500.0)
     rivals = [weighed("stribeck+cogging", 300.0), weighed("stribeck", 100.0)]

@@ -11,7 +11,7 @@ from ..select.dominant import DominantVariable
 from ..select.statement import Word
 from .findings import Comparison, FittedParameter, Learned, Ranked, TrackingError, Where
 from .free_replay import FreeReplay
-from .gap import Gap, Step
+from .gap import Gap, Step, closed
 from .posterior import Posterior
 
 
@@ -103,13 +103,12 @@ class Answer:
         left = [step.gap_after for step in self.steps if step.added in self.causes]
         if not self.undecided or not left:
             return self.gap.closed
-        return self.gap.closed_with(left[-1])
+        return float(closed(self.gap.before, left[-1], self.gap.noise_floor))
 
     def to_dict(self) -> JsonObject:
         """The contract's `diagnosis.json` (numbers, strings, lists and dictionaries only), and beside it `ahead`,
-        `tracking`, `free_replay`, `contradiction`, `undecided`,
-        `closed_by_causes`, `seconds`, `provenance`, `allowed_effects` and
-        `model_missing`.
+        `tracking`, `free_replay`, `contradiction`, `undecided`, `closed_by_causes`, `seconds`, `provenance`,
+        `allowed_effects` and `model_missing`.
         """
         return {
             "verdict": self.verdict,

@@ -3,9 +3,18 @@
 import math
 from dataclasses import dataclass, replace
 
+import numpy as np
+
+from ...logs.arrays import Numbers, Values
 from ...output.json_object import JsonObject
 from ..effects.estimate import Estimate
 from ..thresholds import THRESHOLDS
+
+
+def closed(before: Numbers | float, after: Numbers | float, floor: float) -> Values:
+    """(before - after) / (before - floor) [1], at most 1, and 0 where `before` is not above the noise; elementwise."""
+    room = np.asarray(before - floor)
+    return np.where(room > 0.0, np.minimum((before - after) / np.where(room > 0.0, room, 1.0), 1.0), 0.0)
 
 
 @dataclass(frozen=True)
@@ -56,11 +65,6 @@ class Gap:
             self, after=self.before, after_interval=self.before_interval, closed=0.0, closed_interval=(0.0, 0.0),
             closed_moving=0.0,
         )  # fmt: skip
-
-    def closed_with(self, after: float) -> float:
-        """Share that would be closed [1] with another missing torque after, in `unit`."""
-        room = self.before - self.noise_floor
-        return min((self.before - after) / room, 1.0) if room > 0.0 else 0.0
 
     def estimate(self, name: str) -> Estimate:
         """`before`, `after`, `learned`, `noise_floor` or `closed` with its interval."""

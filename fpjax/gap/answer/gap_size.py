@@ -10,7 +10,7 @@ from ..fit.search import Search
 from ..select.decision import Decision
 from ..select.shares import without_effect
 from ..select.statement import is_number
-from .gap import Gap, Step
+from .gap import Gap, Step, closed
 
 DRAWS = 2000  # of the bootstrap: the 5 % quantile then rests on 100 draws
 SEED = 0
@@ -36,18 +36,12 @@ def gap_of(search: Search, decision: Decision, unit: str) -> Gap:
         before=small[0],
         after=small[1],
         noise_floor=floor,
-        closed=float(closed(np.array(small[0]), np.array(small[1]), floor)),
+        closed=float(closed(*small, floor)),
         before_interval=interval(many_before),
         after_interval=interval(many_after),
         noise_floor_interval=(floor, floor),
         closed_interval=interval(closed(many_before, many_after, floor)),
     )
-
-
-def closed(before: Values, after: Values, floor: float) -> Values:
-    """(before - after) / (before - floor) [1], at most 1, and 0 where `before` is not above the noise; elementwise."""
-    room = before - floor
-    return np.where(room > 0.0, np.minimum((before - after) / np.where(room > 0.0, room, 1.0), 1.0), 0.0)
 
 
 def steps_of(
@@ -64,7 +58,7 @@ def steps_of(
     causes = (*causes, *undecided)
     # The models that were tried on the way had other causes first, or all numbers free.
     if undecided or (len(causes) > 1 and any(map(is_number, causes))):
-        return _steps_with_numbers(search, decision, causes)
+        return _one_by_one(search, decision, causes)
     chosen = decision.chosen.fit
     steps: list[Step] = []
     last = decision.exact
@@ -86,7 +80,7 @@ def steps_of(
     return tuple(steps)
 
 
-def _steps_with_numbers(search: Search, decision: Decision, causes: Sequence[str]) -> tuple[Step, ...]:
+def _one_by_one(search: Search, decision: Decision, causes: Sequence[str]) -> tuple[Step, ...]:
     """The causes one by one, in their order, each number as it was given until it is its turn.
 
     The models that were tried on the way have all numbers free, so that the first effect would be credited with them.

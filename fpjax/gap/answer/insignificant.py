@@ -40,11 +40,11 @@ FACTORS = {"torque_gain_error": "gain", "velocity_scale_error": "scale"}
 """By effect, the reported parameter that is 1 when the effect is absent."""
 MISREAD = {
     "velocity_scale_error": ("scale", "speed"),
-    "velocity_bias": ("bias", "one"),
-    "velocity_lag": ("velocity_lag", "rate"),
-    "velocity_delay": ("velocity_delay", "rate"),
+    "velocity_bias": ("bias", ""),
+    "velocity_lag": ("velocity_lag", "acceleration"),
+    "velocity_delay": ("velocity_delay", "acceleration"),
 }
-"""By error of the velocity reading, its parameter and what that is multiplied by to make the error [rad/s]."""
+"""By error of the velocity reading, its parameter, and of what its product is the error [rad/s]; "" for one that is."""
 
 
 def insignificant_causes(search: Search, fit: Fit, spread: np.ndarray) -> frozenset[str]:
@@ -64,9 +64,10 @@ def insignificant_causes(search: Search, fit: Fit, spread: np.ndarray) -> frozen
         neutral = 1.0 if effect.name in FACTORS else 0.0
         name = (FACTORS if effect.name in FACTORS else SIZES).get(effect.name)
         if name is not None:
-            size = estimates(search, fit, effect, spread, added)[name]
             if _slight(search, effect.name, c.values()):
                 found.add(effect.name)
+                continue
+            size = estimates(search, fit, effect, spread, added)[name]
             # A size that ended at its bound has no interval: it is neutral only if it is exactly the neutral value.
             known = math.isfinite(size.low) and math.isfinite(size.high)
             if (size.low <= neutral <= size.high) if known else size.value == neutral:
@@ -89,13 +90,13 @@ def _slight(search: Search, effect: str, values: Mapping[str, float]) -> bool:
     """
     if effect not in MISREAD:
         return False
-    speed, change = (
-        float(np.sqrt(np.mean(np.concatenate([getattr(record, name) for record in search.records]) ** 2)))
-        for name in ("speed", "acceleration")
-    )
+
+    def size(motion: str) -> float:
+        return float(np.sqrt(np.mean(np.concatenate([getattr(one, motion) for one in search.records]) ** 2)))
+
     name, of = MISREAD[effect]
-    off = values[name] - (1.0 if effect in FACTORS else 0.0)
-    return abs(off) * {"speed": speed, "rate": change, "one": 1.0}[of] < THRESHOLDS.reading * speed
+    off = abs(values[name] - (1.0 if effect in FACTORS else 0.0))
+    return off * (size(of) if of else 1.0) < THRESHOLDS.reading * size("speed")
 
 
 def _may_be_none(fit: Fit, amplitudes: Sequence[str], spread: np.ndarray) -> bool:

@@ -10,7 +10,7 @@ Analysis", 2006). Edges of the torque stand above its noise in them and stay.
 """
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,8 +57,8 @@ def torque_noise(log: Log, inertia: float, viscous: float) -> float:
     """Standard deviation of the white noise of a log's torque that nothing else recorded answers [N m].
 
     0 where it would be too little to matter (`nothing`), where it would be most of the torque (an excitation by noise,
-    with a sensor that shows little of it), and where the machine could have felt it without that the
-    sensors would show it. A torque that was commanded has none: its loop's noise, or an excitation, shows in what else
+    with a sensor that shows little of it), and where the machine could have felt it without that the sensors would
+    show it. A torque that was commanded has none: its loop's noise, or an excitation, shows in what else
     was recorded. Whether a column was measured its name does not always say.
 
     Args:
@@ -67,63 +67,48 @@ def torque_noise(log: Log, inertia: float, viscous: float) -> float:
         viscous: nominal B [N m s/rad].
     """
     part = slice(0, LOOKED_AT)
-    torque = np.asarray(log.torque, float)[part]
-    motion = {
-        order: np.asarray(one, float)[part]
-        for order, one in enumerate((log.velocity, log.position))
-        if one is not None and np.ptp(one)
-    }
-    others = [*motion.values()]
-    if log.reference is not None and np.ptp(log.reference):
-        others.append(np.asarray(log.reference, float)[part])
-    found = _unanswered(torque, others, first=1 if log.resampled else 0)
+    torque, *columns = (
+        None if one is None else np.asarray(one, float)[part]
+        for one in (log.torque, log.velocity, log.position, log.reference)
+    )
+    assert torque is not None
+    columns = [None if one is None or not np.ptp(one) else one for one in columns]
+    weights = (2 * LAGS + 1) * sum(one is not None for one in columns)
+    # Resampling takes a part of the noise in the fastest octave; the slowest must hold enough values for an answer.
+    first = 1 if log.resampled else 0
+    octaves = first + 1
+    while len(torque) >> (octaves + 1) >= ENOUGH * max(weights, 1):
+        octaves += 1
+    found = _unanswered(torque, [one for one in columns if one is not None], octaves)[first:].min()
     size = float(np.sqrt(np.mean(torque**2)))
     if not THRESHOLDS.nothing * size < found < MOST * size:
         return 0.0
-    return found if _would_show(found, motion, inertia, viscous, float(log.dt), len(torque)) else 0.0
+    frequency = np.arange(1, len(torque) // 2 + 1) / len(torque)
+    moved = found / np.abs(2j * np.pi * frequency / log.dt * inertia + viscous)
+    looked = passed(frequency, octaves)[0][first:]
+    for order, one in enumerate(columns[:2]):  # the velocity, the position
+        if one is not None and _shows(moved / (2.0 * np.pi * frequency / log.dt) ** order, noise_level(one), looked):
+            return float(found)
+    return 0.0
 
 
-def _would_show(
-    noise: float, motion: Mapping[int, Values], inertia: float, viscous: float, dt: float, samples: int
-) -> bool:
-    """Whether a torque of white noise would move the nominal mass in some octave far beyond the noise of a sensor.
+def _shows(motion: Values, noise: float, octaves: Sequence[Values]) -> bool:
+    """Whether a motion stands far above a sensor's noise in some octave.
 
     Args:
-        noise: of the torque [N m].
-        motion: columns of the velocity (0) and of the position (1).
-        inertia: J [kg m^2].
-        viscous: B [N m s/rad].
-        dt: control period [s].
-        samples: in a column.
+        motion: its standard deviation by frequency, as that of white noise, shape (frequencies,), in the sensor's unit.
+        noise: of the sensor, in its unit.
+        octaves: what each passes, each of shape (frequencies,) [1].
     """
-    frequency = np.arange(1, samples // 2 + 1) / samples
-    angular = 2.0 * np.pi * frequency / dt
-    moved = noise / np.abs(1j * angular * inertia + viscous)
-    octaves, _ = passed(frequency, _octaves(samples, 0, (2 * LAGS + 1) * len(motion)))
-    for order, column in motion.items():
-        size, reading = moved / angular**order, noise_level(column)
-        for own in octaves:
-            if np.sum((own * size) ** 2) > SHOWS**2 * reading**2 * np.sum(own**2):
-                return True
-    return False
+    return any(np.sum((own * motion) ** 2) > SHOWS**2 * noise**2 * np.sum(own**2) for own in octaves)
 
 
-def _octaves(samples: int, first: int, weights: int) -> int:
-    """Number of octaves that hold enough values for an answer of so many weights, from one on."""
-    octaves = first + 1
-    while samples >> (octaves + 1) >= ENOUGH * max(weights, 1):
-        octaves += 1
-    return octaves
-
-
-def _unanswered(torque: Values, others: Sequence[Values], first: int) -> float:
-    """`torque_noise` of columns, from an octave on: resampling takes a part of the noise in the fastest one."""
+def _unanswered(torque: Values, others: Sequence[Values], octaves: int) -> Values:
+    """Standard deviation of the white noise that columns leave unexplained of a torque in each octave [N m]."""
     weights = (2 * LAGS + 1) * len(others)
-    octaves = _octaves(len(torque), first, weights)
-    sizes = gains(octaves)
     columns = [details(one, octaves)[0] for one in others]
     found = []
-    for octave, (own, size) in enumerate(zip(details(torque, octaves)[0], sizes, strict=True)):
+    for octave, own in enumerate(details(torque, octaves)[0]):
         least = _spread(own)
         reach = LAGS << octave
         rows = np.arange(reach, len(own) - reach)
@@ -137,8 +122,8 @@ def _unanswered(torque: Values, others: Sequence[Values], first: int) -> float:
             table = table / np.maximum(np.sqrt(np.mean(table**2, axis=0)), 1e-300)
             left = own[rows] - table @ np.linalg.lstsq(table, own[rows], rcond=1e-10)[0]
             least = min(least, _spread(left) / np.sqrt(1.0 - weights / values))
-        found.append(least / size)
-    return float(min(found[first:]))
+        found.append(least)
+    return np.array(found) / gains(octaves)
 
 
 def _spread(values: Values) -> float:

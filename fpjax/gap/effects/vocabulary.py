@@ -6,14 +6,11 @@ and a fit that starts a factor of two to four away ends in another minimum.
 
 import cmath
 from collections.abc import Callable
-from math import pi
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
 
-from ...blocks.plants.transmission import Transmission
 from ..data.setting import Setting
 from ..machine import Feature, Machine
 from .effect import Effect, EffectParameter, Values, place
@@ -63,6 +60,7 @@ from .parameters import (
     highest_frequency,
     lowest_frequency,
 )
+from .shaft import hardening_of, mean_slope, reduced_inertia, resonance_of, stiffness_of
 
 
 def _asymmetric(values: dict[str, float], setting: Setting) -> dict[str, tuple[float, str]]:
@@ -88,67 +86,12 @@ def _presliding(values: dict[str, float], setting: Setting) -> dict[str, tuple[f
 def _compliance(values: dict[str, float], setting: Setting) -> dict[str, tuple[float, str]]:
     """Of a shaft that hardens, the stiffness of the line that is nearest to its torque over the log's twists."""
     plain, hard = float(stiffness_of(values)), values[HARDENING.name]
-    steeper = _steeper(hard, setting.shaft) if hard > 0.0 else 1.0
+    steeper = mean_slope(hard, setting.shaft) if hard > 0.0 else 1.0
     found = {
         "frequency": (float(resonance_of(values)) * steeper**0.5, "Hz"),
         "stiffness": (plain * steeper, "N m/rad"),
     }
-    return found | ({"hardening": (float(_hardening_of(values)), "N m/rad^3")} if hard > 0.0 else {})
-
-
-def _steeper(hardening: float, torque: np.ndarray) -> float:
-    """Slope of the least-squares line through a hardening shaft's torque over that of small twists [1]."""
-    # The real root of x + h x^3 = torque for x = stiffness x twist (Cardano).
-    root = (3.0 * hardening) ** 0.5
-    twist = 2.0 / root * np.sinh(np.arcsinh(1.5 * root * torque) / 3.0)
-    return float(np.sum(torque * twist) / np.sum(twist**2)) if np.any(twist) else 1.0
-
-
-def stiffness_of(values: Values) -> Any:
-    """Stiffness of the transmission [N m/rad], from its free-free resonance, thesis (3.15), and the two inertias.
-
-    omega^2 = k (1/J_motor + 1/J_load), so that k = J s (1 - s) omega^2 with the load's share s of the total inertia J.
-    """
-    return _reduced_inertia(values) * (2.0 * pi * values["frequency"]) ** 2
-
-
-def resonance_of(values: Values) -> Any:
-    """Free-free resonance of the transmission [Hz] beside the inertia that a model has."""
-    return values["frequency"] * (_shaft_inertia(values) / values["inertia"]) ** 0.5
-
-
-def _reduced_inertia(values: Values) -> Any:
-    """That of the relative motion of the two masses, J s (1 - s) [kg m^2]."""
-    share = values["load_share"]
-    return _shaft_inertia(values) * share * (1.0 - share)
-
-
-def _shaft_inertia(values: Values) -> Any:
-    """Inertia [kg m^2] with which resonance and damping ratio are meant."""
-    known = values.get(SHAFT_INERTIA.name, 0.0)
-    where = jnp.where if isinstance(known, Array) else np.where
-    return where(known > 0.0, known, values["inertia"])
-
-
-def _hardening_of(values: Values) -> Any:
-    """Hardening of the transmission [N m/rad^3]; a product, which Python and jax round alike, as they do no power."""
-    stiffness = stiffness_of(values)
-    return values[HARDENING.name] * (stiffness * stiffness * stiffness)
-
-
-def shaft_values(machine: Machine) -> dict[str, float]:
-    """What no leaf of a transmission holds, or no effect frees, by parameter name."""
-    plant = machine.plant
-    assert isinstance(plant, Transmission)
-    reduced = float(plant.motor_inertia * plant.load_inertia / plant.inertia)
-    ratio = float(plant.damping) / (2.0 * (float(plant.stiffness) * reduced) ** 0.5)
-    return {
-        FREQUENCY.name: float(plant.resonance()),
-        DAMPING_RATIO.name: ratio,
-        LOAD_SIDE.name: float(machine.sensor.load_side),
-        SHAFT_INERTIA.name: float(plant.inertia),
-        HARDENING.name: float(plant.hardening) / float(plant.stiffness) ** 3,
-    }
+    return found | ({"hardening": (float(hardening_of(values)), "N m/rad^3")} if hard > 0.0 else {})
 
 
 def _two_mass_start(
@@ -204,10 +147,10 @@ def _joined(*more: EffectParameter) -> Callable[[Machine, Values], Machine]:
         parameters = (LOAD_SHARE, FRICTION_SHARE, VISCOUS_SHARE, LOAD_SIDE, *more)
         # Critical damping is 2 sqrt(k J_r).
         stiffness = stiffness_of(values)
-        damping = 2.0 * values["damping_ratio"] * jnp.sqrt(stiffness * _reduced_inertia(values))
+        damping = 2.0 * values["damping_ratio"] * jnp.sqrt(stiffness * reduced_inertia(values))
         found = {p.path: values[p.name] for p in parameters}
         if HARDENING.name in values:  # else no compliance may be told, and the nominal shaft keeps its own
-            found["plant.hardening"] = _hardening_of(values)
+            found["plant.hardening"] = hardening_of(values)
         return place(machine, found | {"plant.stiffness": stiffness, "plant.damping": damping})
 
     return apply

@@ -8,7 +8,7 @@ import numpy as np
 from ...logs.arrays import Values
 from ..data.record import Record
 from ..data.setting import Setting
-from ..effects.vocabulary import stiffness_of
+from ..effects.shaft import stiffness_of
 from ..simulate.hidden_states import HiddenStates
 from .candidate import Candidate, held
 from .imposed_motion import MOVING

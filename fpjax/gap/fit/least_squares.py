@@ -17,7 +17,7 @@ import numpy as np
 from ...blocks.plants.transmission import Transmission
 from ...logs.arrays import Values
 from ..data.setting import Setting
-from ..effects.vocabulary import resonance_of, stiffness_of
+from ..effects.shaft import resonance_of, stiffness_of
 from ..simulate.family import Runner, window_fields
 from .bounded import bounded_steps
 from .candidate import Candidate

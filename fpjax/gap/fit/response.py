@@ -12,6 +12,7 @@ import numpy as np
 from ...logs.arrays import Values
 from ..data.record import Record, joints
 from ..data.setting import Setting
+from ..effects.shaft import resonance_of
 from ..simulate.family import Runner
 from .band import unfelt
 from .candidate import Candidate
@@ -225,8 +226,9 @@ class Response:
             return passed
         # Two masses: of the motor's mass (1 - s) J or the load's s J, over the rigid one, at a torque on the motor.
         # What resonates is not taken off: a clearance, or friction on the load, keeps small noise from it.
-        frequency, ratio, share, side = (vectors[:, self._places[n], None] for n in (*SHAFT, "load_side"))
-        resonance = 2.0 * np.pi * frequency
+        values = {name: vectors[:, at, None] for name, at in self._places.items()}
+        ratio, share, side = (values[name] for name in ("damping_ratio", "load_share", "load_side"))
+        resonance = 2.0 * np.pi * resonance_of(values)
         spring = share * (1.0 - share) * (resonance**2 + 2j * ratio * resonance * np.sqrt(square))
         load = spring - (1.0 - side) * share * square
         return passed * np.minimum(np.abs(load / (spring - share * (1.0 - share) * square)) ** 2, 1.0)

@@ -5,7 +5,7 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 
 from ..effects.parameters import AMPLITUDES, LOAD_SHARE, RIPPLE
-from ..effects.vocabulary import stiffness_of
+from ..effects.shaft import stiffness_of
 from ..fit.candidate import Fit
 from ..fit.search import Search
 from ..thresholds import THRESHOLDS, Thresholds

@@ -24,7 +24,7 @@ from ..data.tables import TAPS, Tables
 from ..effects.always import LATE_TORQUE, LOAD_ERROR, NOMINAL_VALUES
 from ..effects.effect import Effect, EffectParameter, free, leaf
 from ..effects.parameters import ACTUATOR_DELAY, NOMINAL, SHAPES
-from ..effects.vocabulary import shaft_values
+from ..effects.shaft import shaft_values
 from ..machine import FEATURES, Feature, Machine, Structure, nominal_machine, structure_of, with_structure
 from .lane_kernel import LANES
 from .replay import STATES, residual_kernel
