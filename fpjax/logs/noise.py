@@ -13,6 +13,7 @@ from .arrays import Values
 LOOKED_AT = 200_000  # [samples]: a longer column is judged by evenly spaced pieces of it
 PIECES = 20
 FINEST = 1e7  # [steps in the range]: a finer grid is a float's own spacing, or text with many digits
+RARE = 0.1  # of the median level's readings: a level with fewer tells nothing of the grid
 ON_LATTICE = 0.97  # share of the levels that must lie on the grid: a clipped end or a repaired value may not
 OFF_GRID = 0.05  # of a step: by so much text of few digits and single precision displace a reading
 FEW = 8  # [levels]: with fewer, the readings must go through them one by one, or they are the levels of a command
@@ -81,8 +82,14 @@ def rounding_step(column: Values) -> float:
 
 
 def _distinct(readings: Values, equal: float) -> Values:
-    ordered = np.unique(readings)
-    return ordered[np.concatenate([[True], np.diff(ordered) > equal])]
+    """The levels that readings take, ascending; without those that hardly any of many readings take.
+
+    Where a coarse column was mended, each of a few interpolated readings is a level of its own.
+    """
+    ordered, counts = np.unique(readings, return_counts=True)
+    first = np.flatnonzero(np.concatenate([[True], np.diff(ordered) > equal]))
+    counts = np.add.reduceat(counts, first)
+    return ordered[first][counts >= RARE * np.median(counts)]
 
 
 def _grid(levels: Values) -> float:

@@ -195,7 +195,7 @@ def numbers_instead(monkeypatch, cause, other, share, lost, *, ahead=5.0, left=0
         "wrong_numbers": lambda fit, sizes: (7.0, ()), "settled": lambda search, exact, weighed: weighed,
         "weighed_fit": lambda search, exact, fit, evidence: Weighed(fit, evidence, 0.0, 0.0),
         "_without": lambda fit, left_out: (fit, left_out.name), "resolved": lambda search, fit: True,
-        "_is_gap": lambda search, missing: gap, "wild": lambda search, exact, fit: set(off),
+        "_is_gap": lambda search, missing: gap, "far_off": lambda search, exact, fit: set(off),
     }.items():  # fmt: skip
         monkeypatch.setattr(decision, what, stand_in)
     chosen = Weighed(both, 0.0, 0.0, 0.0)
@@ -228,6 +228,7 @@ def test_a_factor_that_is_a_detail_is_wrong_numbers(monkeypatch, name, share, lo
     ("off", "alike", "lost", "left", "replaced"),
     [
         (("coulomb",), ("viscous_error", "coulomb_error"), SLIGHT, 0.3, True),
+        (("inertia",), ("inertia_error",), SLIGHT, 0.3, True),  # a soft spring beside twice the inertia
         ((), ("viscous_error", "coulomb_error"), SLIGHT, 0.3, False),  # no number is far off beside it
         (("coulomb",), ("viscous_error",), SLIGHT, 0.3, False),  # another one is
         (("coulomb",), ("coulomb_error",), 1.1 * THRESHOLDS.weighs, 0.3, False),  # a cause by its evidence

@@ -14,11 +14,12 @@ from fpjax.gap import EFFECTS, Estimate, Ranked, Step
 from fpjax.gap.answer.assemble import _instead
 from fpjax.gap.answer.confusable import indistinguishable
 from fpjax.gap.answer.gap_size import steps_of, with_readings
-from fpjax.gap.answer.ranking import share_alike, told_apart
+from fpjax.gap.answer.ranking import factor_twins, share_alike, told_apart
 from fpjax.gap.effects.twins import Twin, exact_twins
 from fpjax.gap.select import simpler
 from fpjax.gap.select import weighed as weighing
 from fpjax.gap.select.readings import Reading
+from fpjax.gap.thresholds import THRESHOLDS
 
 
 def estimate(value, half=0.01):
@@ -248,6 +249,31 @@ def simpler_search(fits, hopeless, plain=0.0, turning_load=0j):
     asked = SimpleNamespace(effects=EFFECTS, records=[], fitted=fitted, setting=setting)
     asked.refit = lambda fit, wide: SimpleNamespace(evidence=plain)
     return asked
+
+
+@pytest.mark.parametrize(
+    ("wide", "strain", "evidence", "left", "alike"),
+    [
+        (("inertia", "coulomb"), 6.0, 999.0, 0.1, True),  # by its strain alone no simpler cause
+        (("inertia", "coulomb"), 6.0, 1000.0 - 1.1 * THRESHOLDS.close, 0.1, False),  # the numbers are likelier
+        (("inertia", "coulomb"), 6.0, 999.0, 0.3, False),  # more is missing
+        (("inertia",), 6.0, 1100.0, 0.1, False),  # one number is no more than it is
+    ],
+)
+def test_a_factor_that_would_do_as_well_as_wrong_numbers_is_told_beside_them(
+    monkeypatch, wide, strain, evidence, left, alike
+):
+    monkeypatch.setattr(simpler, "resolved", lambda search, fit: True)
+    chosen = weighing.Weighed(fit(("stribeck",), wide, 0.0, 0.1, 1000.0), 1000.0, 1000.0, 0.1)
+    exact, hopeless = weighing.Exact(fit((), (), 0.0, 1.0, 0.0), ()), fit((), (), 0.0, 9.0, -1e9)
+    search = simpler_search([fit(("stribeck", "torque_gain_error"), (), strain, left, evidence)], hopeless)
+    found = simpler.alike_factors(search, exact, chosen)
+    assert found == (("torque_gain_error",) if alike else ())
+    decided = SimpleNamespace(alike={f"{name}_error": found for name in wide})
+    twins = factor_twins(decided, ["inertia_error", "coulomb_error"])
+    assert [(set(one.causes), one.instead) for one in twins] == (
+        [({"inertia_error", "coulomb_error"}, ("torque_gain_error",))] if alike else []
+    )
 
 
 def test_what_stands_for_a_detail_is_likelier_than_nothing_in_its_place(monkeypatch):

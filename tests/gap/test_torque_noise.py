@@ -10,7 +10,8 @@ import pytest
 from fpjax import load_model
 from fpjax.gap import EFFECTS, diagnose
 from fpjax.gap.data import torque_noise as module
-from fpjax.gap.data.torque_noise import TorqueNoise, details, gains, without_noise
+from fpjax.gap.data.octaves import details, gains
+from fpjax.gap.data.torque_noise import TorqueNoise, without_noise
 from fpjax.gap.fit.candidate import Start
 from fpjax.gap.verb import make_search
 

@@ -12,11 +12,21 @@ from fpjax.logs.noise import (
 
 TIME = 1e-3 * np.arange(10_000)
 SWING = np.sin(2 * np.pi * TIME) + 0.3 * np.sin(2 * np.pi * 2.7 * TIME)
+NOISE = 0.3 * np.random.default_rng(3).normal(size=10_000)
 TWELVE_BITS = 2 * np.pi / 4096
 
 
 def rounded(values, step):
     return np.round(values / step) * step
+
+
+def with_gaps_filled(values):
+    """A reading here and there as interpolation between its neighbours, unevenly, would leave it."""
+    here = np.arange(700, len(values) - 1, 900)
+    share = np.linspace(0.1, 0.9, len(here))
+    filled = values.copy()
+    filled[here] = (1 - share) * values[here - 1] + share * (values[here + 1] + 0.8)
+    return filled
 
 
 @pytest.mark.parametrize(
@@ -32,6 +42,7 @@ def rounded(values, step):
         ("printed with six digits", np.round(rounded(SWING, TWELVE_BITS), 6), TWELVE_BITS),
         ("single precision", rounded(SWING, TWELVE_BITS).astype(np.float32).astype(float), TWELVE_BITS),
         ("clipped off the grid", np.clip(rounded(5 * SWING, 0.022), -4.001, 4.001), 0.022),
+        ("coarse, a few readings interpolated", with_gaps_filled(rounded(5 * SWING + NOISE, 0.8)), 0.8),
         ("large", 1e300 * rounded(SWING, TWELVE_BITS), 1e300 * TWELVE_BITS),
     ],
 )

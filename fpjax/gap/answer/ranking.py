@@ -16,6 +16,7 @@ from ..effects.vocabulary import EFFECTS
 from ..fit.candidate import NOMINAL, Fit
 from ..fit.search import Search
 from ..select.decision import Decision
+from ..select.simpler import FACTORS
 from ..select.statement import Verdict
 from ..thresholds import THRESHOLDS
 from .confusable import indistinguishable
@@ -91,7 +92,7 @@ def rank(
         )
         for name, entry in entries.items()
     }  # fmt: skip
-    for twin in twins:
+    for twin in (*twins, *factor_twins(decision, causes)):
         share_alike(entries, twin)
     _both_ways(entries, asserted)
     if found.word == "unexplained":
@@ -100,6 +101,20 @@ def rank(
     rest = [entry for entry in entries.values() if entry.effect not in asserted]
     rest.sort(key=lambda entry: (-entry.probability, -entry.evidence))
     return Ranking((*(entries[name] for name in asserted), *rest), tuple(twins))
+
+
+def factor_twins(decision: Decision, causes: Sequence[str]) -> list[Twin]:
+    """One factor and the wrong numbers that it nearly makes (`fpjax.gap.select.simpler.alike_factors`).
+
+    Args:
+        decision: on the fits.
+        causes: that are told.
+    """
+    return [
+        Twin(frozenset(some), (factor,))
+        for factor in FACTORS
+        if len(some := [name for name in causes if factor in decision.alike.get(name, ())]) > 1
+    ]
 
 
 def told_apart(decision: Decision, twin: Twin) -> bool:

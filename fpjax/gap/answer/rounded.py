@@ -7,12 +7,14 @@ import numpy as np
 
 from ...logs.arrays import Values
 from ..data.channel import Channel
+from ..data.octaves import details, gains
 from ..fit.candidate import Fit
 from ..fit.search import Search
 
 # A reading whose rounding step is above this many standard deviations of its noise is one that is rounded: rounding, of
 # standard deviation step / sqrt(12), is then half of the noise's energy. Below that the other half dithers it away.
 ROUNDED = math.sqrt(6.0)
+FASTEST = 2  # octaves, in which a motion hardly shows
 
 
 def rounding_of(search: Search, fit: Fit, windows: Sequence[Values] | None = None) -> tuple[float, float]:
@@ -45,7 +47,13 @@ def rounding_of(search: Search, fit: Fit, windows: Sequence[Values] | None = Non
             if is_rounded(one):
                 step = one.step / one.noise
                 # The measured readings lie on the grid, so that a rounded simulation is whole steps from them.
-                own[place][place] = step * np.round(errors[place] / step) - errors[place]
+                away = errors[place] / step
+                if is_counted(one):
+                    away = np.cumsum(away, axis=0)
+                    away -= np.mean(away, axis=0)  # counts, up to where between two of them the window begins
+                    own[place][place] = step * np.diff(np.round(away) - away, axis=0, prepend=0.0)
+                else:
+                    own[place][place] = step * (np.round(away) - away)
         squares = [search.modes.plain(search.modes.coefficients(each).T) ** 2 for each in (np.sum(own, axis=0), own[0])]
         coarse = [_power(search, place, len(channels)) for place, one in enumerate(channels) if is_rounded(one)]
         white = search.real_noise * noise[:, None] * np.sum(coarse, axis=0)
@@ -62,7 +70,27 @@ def is_rounded(channel: Channel) -> bool:
     Args:
         channel: of the column.
     """
-    return channel.step > ROUNDED * channel.noise
+    return channel.step > ROUNDED * channel.noise or is_counted(channel)
+
+
+def is_counted(channel: Channel) -> bool:
+    """Whether a column holds differences of a counter, whose rounding is most of what its fastest octaves hold.
+
+    A rate that is the difference of two counts has the difference of two rounding errors: little of a slow motion, and
+    of a fast one up to twice what a rounded rate has, which passes for noise that dithers it. It falls with the
+    frequency, as white noise does not.
+
+    Args:
+        channel: of the column.
+    """
+    if channel.step == 0.0:
+        return False
+    parts = [np.sqrt(np.mean(own**2)) for own in details(channel.values, FASTEST)[0]]
+    rounded, counted = (gains(FASTEST, weights) for weights in ((1.0,), (1.0, -1.0)))
+    found, law = parts / rounded / (channel.step / math.sqrt(12.0)), counted / rounded
+    # Nearer to it than to white noise, by the geometric mean of both.
+    nearer = found[0] > math.sqrt(law[0]) and found[0] / found[1] > math.sqrt(law[0] / law[1])
+    return bool(nearer and np.all(found < math.sqrt(2.0) * law))
 
 
 def _power(search: Search, place: int, channels: int) -> Values:

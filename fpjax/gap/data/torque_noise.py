@@ -5,8 +5,7 @@ simulation, and whatever filters a torque would seem likelier than a right model
 makes of its sensors' noise, is not that: readings or reference tell of it, linearly and within some samples. So the
 noise is at most what they leave unexplained, in every octave, and white.
 
-Octaves are those of the undecimated transform with a cubic B-spline (Starck, Murtagh, "Astronomical Image and Data
-Analysis", 2006). Edges of the torque stand above its noise in them and stay.
+Octaves are those of `fpjax.gap.data.octaves`. Edges of the torque stand above its noise in them and stay.
 """
 
 import dataclasses
@@ -19,8 +18,8 @@ from ...logs import Log
 from ...logs.arrays import Values
 from ...logs.noise import noise_level
 from ..thresholds import THRESHOLDS
+from .octaves import details, gains, passed
 
-SPLINE = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
 GAUSSIAN = 1.4826  # standard deviations of Gaussian noise in its median absolute value
 EDGE = 3.5  # standard deviations of the noise from which a value is the torque's: one of 2,000 of noise alone
 LAGS = 3  # samples on either side, at an octave's own rate, in which a reading may answer
@@ -168,41 +167,6 @@ def _is_noise(values: Values, edge: Values, noise: float, octave: int) -> bool:
     # The power of a bin over its mean is exponentially distributed: exp(-x) of them exceed x.
     line = float(np.max(density[own] / expected[own], initial=0.0))
     return bool(power < 1.0 + EXCESS + doubt and line < np.log(np.sum(own) / BY_CHANCE))
-
-
-def details(values: Values, octaves: int) -> tuple[list[Values], Values]:
-    """(what a column holds in each octave, the fastest first, each of its shape; the rest): together the column.
-
-    Args:
-        values: shape (samples,).
-        octaves: their number.
-    """
-    found, rest = [], values
-    for octave in range(octaves):
-        hole = 1 << octave
-        padded = np.pad(rest, 2 * hole, mode="reflect" if len(rest) > 2 * hole else "edge")
-        smooth = np.sum([w * padded[i * hole : i * hole + len(rest)] for i, w in enumerate(SPLINE)], axis=0)
-        found.append(rest - smooth)
-        rest = smooth
-    return found, rest
-
-
-def passed(frequency: Values, octaves: int) -> tuple[list[Values], Values]:
-    """(what each octave passes of a wave [1], the rest), of frequencies in cycles per sample, each of their shape."""
-    found, rest = [], np.ones(len(frequency))
-    for octave in range(octaves):
-        angle = 2.0 * np.pi * frequency * 2.0**octave
-        smooth = rest * (SPLINE[2] + 2.0 * (SPLINE[1] * np.cos(angle) + SPLINE[0] * np.cos(2.0 * angle)))
-        found.append(rest - smooth)
-        rest = smooth
-    return found, rest
-
-
-def gains(octaves: int) -> Values:
-    """Standard deviation of white noise of 1 in each octave [1], shape (octaves,)."""
-    one = np.zeros((8 << octaves) + 1)
-    one[len(one) // 2] = 1.0
-    return np.array([np.sqrt(np.sum(part**2)) for part in details(one, octaves)[0]])
 
 
 def about_torque_noise(log: Log, noise: TorqueNoise) -> str:

@@ -15,7 +15,7 @@ from .dominant import Curve
 from .late_place import late_elsewhere
 from .nominal_errors import wrong_numbers
 from .shares import Shares, lost_of, numbers_of, shares_of, without_effect
-from .simpler import ONE_FOR_MANY, simpler
+from .simpler import ONE_FOR_MANY, alike_factors, simpler
 from .starts import alone, bases_beside, bases_of, beside, nominal_for
 from .weighed import (
     Exact,
@@ -29,7 +29,7 @@ from .weighed import (
     weighed_fit,
     whole_gap,
 )  # fmt: skip
-from .wild_numbers import STRIBECK, mends_numbers, plausible, wild, with_right_numbers
+from .wild_numbers import STRIBECK, far_off, mends_numbers, plausible, with_right_numbers
 
 LIKELY = 6  # effects that are tried as a third cause: those that did best as a second one
 PAIR_KEEP = (16, 8, 5, 4)  # sets of causes that go on to each stage where causes are added
@@ -49,7 +49,7 @@ class Decision:
         shares: of the missing energy that counts as all (`whole`), what would come back without each cause of `chosen`
             [1], the largest first; of what moves the machine alone where `by_numbers` was asked so.
         judged: windows on which models were compared, one array of indices a record.
-        alike: by wrong number, those that would do as well in its place.
+        alike: by cause, those that would do as well in its place; by wrong number, a factor in the place of all.
         whole: missing torque that counts as all beside `chosen` (`whole_gap`), of the nominal model's [1].
         lost: of the evidence that `chosen` has over `exact`, what would be lost without each of its causes [1].
     """
@@ -169,15 +169,18 @@ def decide(
     chosen = plain
     stage("what each cause takes", 0.0)
     shares = shares_of(search, exact, chosen.fit, [w.fit for w in tried])
-    instead = _numbers_instead(search, exact, chosen, shares)
-    if instead is not chosen:
+    while (instead := _numbers_instead(search, exact, chosen, shares)) is not chosen:
         chosen = instead
         shares = shares_of(search, exact, chosen.fit, [w.fit for w in tried])
+    alike = dict(shares.alike)
+    if gap and (factors := alike_factors(search, exact, chosen)):
+        for number in chosen.fit.candidate.wide:
+            alike[f"{number}_error"] = (*factors, *alike.get(f"{number}_error", ()))
     all_of_it = exact.left(exact.fit)
     whole = whole_gap(search, exact, chosen.fit) / all_of_it if all_of_it > 0.0 else 1.0
     return Decision(
         exact.fit, nominal, tuple(singles), chosen, tuple(rivals), (*path, chosen.fit), shares.energy, exact.judged,
-        shares.alike, whole, shares.evidence,
+        alike, whole, shares.evidence,
     )  # fmt: skip
 
 
@@ -322,14 +325,15 @@ def _with_stribeck(
 
 
 def _numbers_instead(search: Search, exact: Exact, chosen: Weighed, shares: Shares) -> Weighed:
-    """The chosen model with wrong numbers in the place of an effect that they make up for, and that is a detail.
+    """The chosen model with wrong numbers in the place of one effect that they make up for, and that is a detail.
 
     A friction by direction holds numbers of its own, a factor makes several wrong in proportion, and a law of the speed
     beside numbers that are further off than a guess may stand for the very numbers: a drag with fifteen times the
-    Coulomb friction and no viscous one, in one direction. What is no cause is first of all a number that was guessed:
-    it then stands corrected in the model, which holds no effect for it.
+    Coulomb friction and no viscous one, in one direction; a soft spring that takes half of a double inertia off. What
+    is no cause is first of all a number that was guessed: it then stands corrected in the model, which holds no effect
+    for it.
     """
-    whole, off = whole_gap(search, exact, chosen.fit), wild(search, exact, chosen.fit)
+    whole, off = whole_gap(search, exact, chosen.fit), far_off(search, exact, chosen.fit)
     for effect in chosen.fit.candidate.effects:
         held = bool(numbers_of(effect))
         for_them = bool(off & {name.removesuffix("_error") for name in shares.alike.get(effect.name, ())})

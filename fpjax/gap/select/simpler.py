@@ -2,6 +2,8 @@
 
 from collections.abc import Collection, Iterator, Sequence
 
+import numpy as np
+
 from ..effects.effect import Effect
 from ..fit.candidate import NOMINAL, SPIKE_RANGE, Candidate, Fit, Start, nominal_sizes
 from ..fit.search import Search
@@ -83,7 +85,31 @@ def plainest(fits: Sequence[Fit]) -> Fit:
     return max(factors, key=lambda fit: fit.evidence, default=best)
 
 
-def _stands_for(exact: Exact, fit: Fit, chosen: Fit, whole: float, plain: float) -> bool:
+def alike_factors(search: Search, exact: Exact, chosen: Weighed) -> tuple[str, ...]:
+    """Factors that would do as well as the wrong numbers of the chosen model, but for what is left of these.
+
+    Beside a factor the numbers end further from the given ones than numbers that are right by themselves: guesses that
+    are near to one factor by chance, or a factor on a machine whose laws are of another form. One is told, and the
+    other beside it.
+    """
+    c, by_name = chosen.fit.candidate, {effect.name: effect for effect in search.effects}
+    if len(c.wide) < 2 or set(c.structural) & set(ONE_FOR_MANY):
+        return ()
+    factors = [name for name in FACTORS if name in by_name]
+    fits = search.fitted([_by_one_factor(c, by_name[name]) for name in factors])
+    whole, plain = whole_gap(search, exact, chosen.fit), search.refit(chosen.fit, ()).evidence
+    return tuple(
+        name
+        for name, fit in zip(factors, fits, strict=True)
+        if resolved(search, fit)
+        and fit.evidence > chosen.evidence - THRESHOLDS.close
+        and _stands_for(exact, fit, chosen.fit, whole, plain, unlike=np.inf)
+    )
+
+
+def _stands_for(
+    exact: Exact, fit: Fit, chosen: Fit, whole: float, plain: float, unlike: float = THRESHOLDS.unlike
+) -> bool:
     """Whether a simpler fit may take the place of the chosen one: no torque that matters is missing, little is lost.
 
     Args:
@@ -92,6 +118,7 @@ def _stands_for(exact: Exact, fit: Fit, chosen: Fit, whole: float, plain: float)
         chosen: the one in whose place it would stand.
         whole: what counts as all of the gap [N m].
         plain: evidence of the chosen effects beside the numbers as they were given, where a factor may stand for these.
+        unlike: the most that these numbers may lose beside a factor, of being right (`Thresholds.unlike`) [nats].
     """
     ahead = fit.evidence - chosen.evidence > THRESHOLDS.decisive
     slight = exact.left(fit) ** 2 - exact.left(chosen) ** 2 < THRESHOLDS.matters * whole**2
@@ -99,7 +126,7 @@ def _stands_for(exact: Exact, fit: Fit, chosen: Fit, whole: float, plain: float)
     if set(after.structural) > set(before.structural):
         if _puts_off(exact.fit, fit, chosen):
             return False
-        if after.strain > THRESHOLDS.unlike:
+        if after.strain > unlike:
             return False
         # One factor. One number is no more than it is: then it must be the likelier.
         doubtful = len(before.wide) == 1 and not _stands_beside_sides(exact.fit, fit, chosen)
@@ -195,5 +222,9 @@ def _instead(search: Search, fit: Fit, by_name: dict[str, Effect]) -> Iterator[t
             yield Start((*rest, by_name[GAIN]), (), given), Start(rest, tuple(c.wide), values)
     for name in ONE_FOR_MANY:
         if c.wide and name in by_name and name not in c.structural:
-            values = {k: v for k, v in c.values().items() if k not in NOMINAL}
-            yield (Start((*c.effects, by_name[name]), (), values),)
+            yield (_by_one_factor(c, by_name[name]),)
+
+
+def _by_one_factor(c: Candidate, factor: Effect) -> Start:
+    """The start of one factor in the place of all wrong numbers of a candidate."""
+    return Start((*c.effects, factor), (), {k: v for k, v in c.values().items() if k not in NOMINAL})

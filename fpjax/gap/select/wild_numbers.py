@@ -38,12 +38,12 @@ def plausible(
         likeliest = [start for start in starts if found and start.effects == found[0].fit.candidate.effects]
         anew = [again for start in likeliest for again in _stribeck_anew(search, start)]
         found = weigh(search, exact, [*(w.fit for w in found), *search.fitted(anew)]) if anew else found
-    options, others = [], _far_off(search, exact, chosen.fit)
+    options, others = [], far_off(search, exact, chosen.fit)
     for w in found:
         instead = settled(search, exact, w)
         # Beside the effect the number is right, and no other is off in its place: friction that grows with the load
         # does what a Coulomb level does if inertia and viscous friction shrink with it.
-        right = not off & instead.fit.candidate.wide and _far_off(search, exact, instead.fit) <= others
+        right = not off & instead.fit.candidate.wide and far_off(search, exact, instead.fit) <= others
         if instead.left < chosen.left and right and resolved(search, instead.fit):
             options.append(instead)
     if max((one.evidence for one in options), default=-np.inf) - chosen.evidence <= THRESHOLDS.decisive:
@@ -59,7 +59,7 @@ def with_right_numbers(search: Search, exact: Exact, chosen: Weighed, tried: Seq
     chance; a Stribeck friction that falls all along the speeds has them off where a drag is missing, and bends better
     after a law of another form. What takes its place may lose as little evidence and torque as one factor may.
     """
-    off, others = wild(search, exact, chosen.fit), _far_off(search, exact, chosen.fit)
+    off, others = wild(search, exact, chosen.fit), far_off(search, exact, chosen.fit)
     if len(off) < 2:
         return chosen
     enough = THRESHOLDS.matters * whole_gap(search, exact, chosen.fit) ** 2
@@ -75,7 +75,7 @@ def with_right_numbers(search: Search, exact: Exact, chosen: Weighed, tried: Seq
         if not few or off & held or not slight(w.fit) or not resolved(search, w.fit):
             continue
         instead = settled(search, exact, w)
-        right = not off & instead.fit.candidate.wide and _far_off(search, exact, instead.fit) <= others
+        right = not off & instead.fit.candidate.wide and far_off(search, exact, instead.fit) <= others
         if right and slight(instead.fit) and resolved(search, instead.fit):
             options.append(instead)
     return max(options, key=lambda one: one.evidence, default=chosen)
@@ -102,10 +102,10 @@ def _stribeck_anew(search: Search, start: Start) -> list[Start]:
 
 def wild(search: Search, exact: Exact, fit: Fit) -> set[str]:
     """Friction numbers of a fit that are further off than a guess; not those that the nominal model has none of."""
-    return _far_off(search, exact, fit) - {"inertia"}
+    return far_off(search, exact, fit) - {"inertia"}
 
 
-def _far_off(search: Search, exact: Exact, fit: Fit) -> set[str]:
+def far_off(search: Search, exact: Exact, fit: Fit) -> set[str]:
     """Nominal numbers of a fit that are further off than a guess; no friction that the nominal model has none of."""
     c, given, sizes = fit.candidate, exact.fit.candidate.values(), nominal_sizes(search.setting)
     off = {n for n in c.wide if abs(c.values()[n] - given[n]) > THRESHOLDS.wild * sizes[n]}
