@@ -8,6 +8,7 @@ import pytest
 from fpjax.gap.answer.rounded import is_counted, is_rounded, rounding_of
 from fpjax.gap.data.channel import make_channel
 from fpjax.gap.data.octaves import details, gains
+from fpjax.gap.fit.band import real_noise
 from tests.helpers import gap_search, numpy_machine
 
 DT = 2e-3
@@ -59,3 +60,13 @@ def test_a_right_model_leaves_what_the_counting_makes():
     plain = search.modes.plain(search.modes.coefficients(residual).T)
     weight = search.measure.weight(np.ones(len(plain)), np.ones(plain.shape[1]))
     assert of_velocity == pytest.approx(np.sqrt(np.sum(plain**2 * weight) / len(plain)), rel=0.5)
+
+
+def test_windows_at_rest_under_equal_readings_tell_nothing_of_the_noise():
+    search = gap_search.search_of(numpy_machine.record(seconds=6.0, sensors=("velocity",)))
+    modes, windows = search.modes, 40
+    level, noise = np.zeros(modes.bands), np.ones(windows)
+    c = np.random.default_rng(2).normal(size=(windows, len(modes.gain))) * 0.5**0.5
+    assert real_noise(modes, level, [(noise, c)]) == pytest.approx(0.5, rel=0.1)
+    resting = np.where(np.arange(windows)[:, None] < 30, 0.0, c)
+    assert real_noise(modes, level, [(noise, resting)]) == pytest.approx(0.5, rel=0.15)

@@ -11,6 +11,7 @@ from ..thresholds import THRESHOLDS
 from .modes import Modes
 
 QUIET = 0.3  # share of torque in a mode's variance below which the mode serves to estimate the noise
+SILENT = 1e-6  # energy over that of noise [1]: less in every mode is none
 FEW_QUIET = 30  # least coefficients for that estimate: its relative standard error is 0.4 with so many
 
 Coefficients = Sequence[tuple[Values, Values]]
@@ -86,8 +87,10 @@ def real_noise(modes: Modes, level: Values, coefficients: Coefficients) -> float
     ratios = [np.zeros(0)]
     for noise, c in coefficients:
         variance = modes.variance(noise)
-        quiet = (modes.wiener(level, noise) < QUIET) & (variance < (1.0 + QUIET) * noise[:, None])
-        ratios.append((c**2 / variance)[quiet & ~modes.sensor])
+        quiet = (modes.wiener(level, noise) < QUIET) & (variance < (1.0 + QUIET) * noise[:, None]) & ~modes.sensor
+        # A machine at rest under readings that stay the same tells nothing of their noise in motion.
+        silent = np.max(c**2 / variance, axis=1) < SILENT
+        ratios.append((c**2 / variance)[quiet & ~silent[:, None]])
     found = np.concatenate(ratios)
     # 0.4549 is the median of a chi-square of one degree of freedom. A median, so that a few modes with torque in them
     # change nothing.
