@@ -1,4 +1,5 @@
-"""What is said of a cause that is not sure beside a part that is told, and of a slight gap that no cause closes."""
+"""What is said of a cause that is not sure beside a part that is told, of a slight gap that no cause closes, and of rivals
+that say no other thing."""
 
 import dataclasses
 import math
@@ -52,3 +53,12 @@ def test_a_slight_gap_that_no_cause_closes_is_none_and_said_with_less_certainty(
     # Without evidence for any effect it is as sure as ever.
     none = judged(weighed("compliance", 3.0), [], before=slight, left=0.25)
     assert none.probability == pytest.approx(1.0 - THRESHOLDS.right_no_gap)
+
+
+@pytest.mark.parametrize(("scale", "another"), [(0.99, False), (0.9, True)])
+def test_a_number_that_is_further_off_than_a_factor_beside_it_makes_one_is_wrong_there_too(monkeypatch, scale, another):
+    monkeypatch.setattr("fpjax.gap.select.verdict.wrong_numbers", lambda fit, sizes: (0.0, tuple(fit.candidate.wide)))
+    chosen = weighed("", 500.0, wide=("inertia",))
+    rival = weighed("backlash+velocity_scale_error", 505.0, wide=("inertia",), wrong={"scale": scale})
+    found = judged(chosen, [rival], shares={"inertia_error": 0.9})
+    assert ("backlash" in found.main) == another

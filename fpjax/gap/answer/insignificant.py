@@ -10,6 +10,7 @@ from ..effects.estimate import NINETY
 from ..effects.parameters import COGGING, RIPPLE
 from ..fit.candidate import Fit
 from ..fit.search import Search
+from ..select.simpler import FACTORS
 from ..thresholds import THRESHOLDS
 from .intervals import estimates
 
@@ -36,8 +37,6 @@ SIZES = {
 """By effect, the reported parameter whose interval holds 0 when the log does not tell the effect from nothing."""
 WAVES = {"position_dependent_friction": RIPPLE, "cogging": COGGING}
 """By effect, amplitudes that are all zero when the effect is absent."""
-FACTORS = {"torque_gain_error": "gain", "velocity_scale_error": "scale"}
-"""By effect, the reported parameter that is 1 when the effect is absent."""
 MISREAD = {
     "velocity_scale_error": ("scale", "speed"),
     "velocity_bias": ("bias", ""),

@@ -23,8 +23,8 @@ SIMPLER = {
 """What an effect holds as a special case, or is in a short travel, with fewer parameters."""
 GAIN = "torque_gain_error"
 SCALE = "velocity_scale_error"
-FACTORS = (GAIN, SCALE)
-"""One factor that makes several nominal numbers wrong in proportion."""
+FACTORS = {GAIN: "gain", SCALE: "scale"}
+"""One factor, with its parameter, that makes several nominal numbers wrong in proportion."""
 POWERS = {"kg m^2": -1, "N m s/rad": -1, "N m s^2/rad^2": -2, "rad/s": 1, "rad": 1, "1/rev": -1}
 """Power of the scale of an angle by which a parameter changes, by its unit; one of another unit does not."""
 ONE_FOR_MANY = (*FACTORS, "load_dependent_friction")
@@ -93,7 +93,9 @@ def alike_factors(search: Search, exact: Exact, chosen: Weighed) -> tuple[str, .
     other beside it.
     """
     c, by_name = chosen.fit.candidate, {effect.name: effect for effect in search.effects}
-    if len(c.wide) < 2 or set(c.structural) & set(ONE_FOR_MANY):
+    values, given = c.values(), exact.fit.candidate.values()
+    ways = {values[number] > given[number] for number in c.wide}
+    if len(c.wide) < 2 or len(ways) > 1 or set(c.structural) & set(ONE_FOR_MANY):
         return ()
     factors = [name for name in FACTORS if name in by_name]
     fits = search.fitted([_by_one_factor(c, by_name[name]) for name in factors])

@@ -1,6 +1,6 @@
 """Verdict: what is asserted, and how probable it is; a pure function of a decision, of sizes and of thresholds."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -201,17 +201,28 @@ def _adds_to(w: Weighed, chosen: _Set, seen: Seen, decision: Decision) -> bool:
     direction, as the factor makes them together; so it has, and all too large, where a friction by load leads beside
     which every number is right.
     """
-    if not chosen.names or not w.structural or set(w.structural) & set(FACTORS):
+    if not chosen.names or not w.structural:
         return False
     lead = chosen.names[0]
+    values, given = w.fit.candidate.values(), decision.exact.candidate.values()
+    if (factors := set(w.structural) & set(FACTORS)) and not _beyond(lead, values, given, factors):
+        return False
     by_load = lead in ONE_FOR_MANY and lead not in FACTORS
     if lead in FACTORS or (by_load and not decision.chosen.fit.candidate.wide):
         wrong = wrong_numbers(w.fit, seen.sizes)[1] if len(w.fit.candidate.wide) > 1 else ()
-        values, given = w.fit.candidate.values(), decision.exact.candidate.values()
         ways = {values[name] > given[name] for name in wrong}
         return len(wrong) > 1 and len(ways) == 1 and (True in ways or not by_load)
     number = lead.removesuffix("_error")
     return is_number(lead) and number in w.fit.candidate.wide and number in wrong_numbers(w.fit, seen.sizes)[1]
+
+
+def _beyond(lead: str, values: Mapping[str, float], given: Mapping[str, float], factors: Iterable[str]) -> bool:
+    """Whether what leads is a wrong number that is further off than any factor beside it makes a number."""
+    number = lead.removesuffix("_error")
+    if not is_number(lead) or not min(values[number], given[number]) > 0.0:
+        return False
+    made = max(abs(np.log(values[FACTORS[name]])) for name in factors)
+    return bool(abs(np.log(values[number] / given[number])) > 2.0 * made)
 
 
 def _names(w: Weighed, seen: Seen) -> tuple[str, ...]:
