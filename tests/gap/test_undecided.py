@@ -1,5 +1,4 @@
-"""What is said of a cause that is not sure beside a part that is told, of a slight gap that no cause closes, and of rivals
-that say no other thing."""
+"""What is said of a cause that is not sure beside a part that is told, of rivals and of a slight gap."""
 
 import dataclasses
 import math
