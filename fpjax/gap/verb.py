@@ -2,6 +2,7 @@
 
 import dataclasses
 import datetime
+import functools
 import itertools
 from collections.abc import Callable, Sequence
 from typing import Literal, overload
@@ -20,17 +21,17 @@ from .answer.assemble import assemble
 from .answer.curves import curves_of
 from .answer.provenance import columns_hash, provenance
 from .data.checks import about_noise, check
-from .data.encoder_error import about_errors, encoder_errors, without_errors
 from .data.inputs import about_late_torque, on_one_clock, read_logs, read_model, with_earlier_torque
 from .data.record import about_stretches, make_records
 from .data.setting import make_setting
-from .data.torque_noise import TorqueNoise, about_torque_noise, torque_noise, without_noise
+from .data.torque_noise import TorqueNoise
 from .diagnosis import Diagnosis
 from .effects.effect import Effect
 from .effects.vocabulary import EFFECTS, on_rate_sensor
 from .fit.candidate import Fit
 from .fit.saved_fits import ResumingSearch, SavedFits, key_of
 from .fit.search import Search
+from .mended import Runs, mended
 from .select.decision import decide, fit_alone
 from .select.late_torque import lags, late_beside_numbers, late_torque, least_missing
 from .simulate.family import Nominal
@@ -142,28 +143,10 @@ def _diagnose(
             f"{untried} is not tried: the model file has two masses, and bristles are simulated on one alone."
         )
     try:
+        runs, make = Runs(logs, withheld), functools.partial(_search, model=model, effects=effects, keep=keep)
         search = make_search(logs, withheld, model, effects, keep)
-        misread = [encoder_errors(log, model.nominal["inertia"]) for log in everything]
-        if any(misread):
-            # A rate sensor that ripples with the position parts from the encoder likewise: what leaves less is right.
-            mended = [without_errors(log, errors) for log, errors in zip(everything, misread, strict=True)]
-            parts = mended[: len(logs)], mended[len(logs) :]
-            corrected = make_search(*parts, model, effects, keep, again=True)
-            if least_missing({"recorded": search, "corrected": corrected}, None) == "corrected":
-                search, (logs, withheld) = corrected, parts
-                warnings += [about_errors(log, e) for log, e in zip(everything, misread, strict=True) if e]
-        left: tuple[TorqueNoise, ...] = ()
-        mass = model.nominal["inertia"], model.nominal["viscous"]
-        quiet = [without_noise(log, torque_noise(log, *mass)) for log in (*logs, *withheld)]
-        if any(any(noise.taken) for _, noise in quiet):
-            mended = [log for log, _ in quiet]
-            parts = mended[: len(logs)], mended[len(logs) :]
-            # What leaves more is no noise: the machine felt it.
-            corrected = make_search(*parts, model, effects, keep, again=True)
-            if least_missing({"recorded": search, "quiet": corrected}, None) == "quiet":
-                (logs, withheld), left = parts, tuple(noise for _, noise in quiet)
-                search = make_search(*parts, model, effects, keep, again=True, noise=left)
-                warnings += [about_torque_noise(log, noise) for log, noise in quiet if noise.size]
+        search, runs, said = mended(search, runs, make, model.nominal)
+        warnings += said
         warnings += about_stretches(search.records)
         if doubts and search.records[0].velocity is None:
             doubts = checked.contradictions(rate=False)
@@ -172,7 +155,7 @@ def _diagnose(
             """Of the logs with the torque as it acted."""
             clock("looking")
             searches = {
-                lag: make_search(*_earlier(logs, withheld, late, lag), model, effects, keep, again=True, noise=left)
+                lag: make(runs.each(functools.partial(with_earlier_torque, late=late, lag=lag)))
                 for lag in lags(late, search.setting.dt)
             }
             lag = least_missing(searches, chosen)
@@ -205,9 +188,9 @@ def _diagnose(
     return Diagnosis.of(found, seconds=clock.seconds, provenance=made, warnings=warned)
 
 
-def _earlier(logs: Sequence[Log], withheld: Sequence[Log], late: float, lag: float) -> tuple[list[Log], list[Log]]:
-    fitted, kept_out = ([with_earlier_torque(one, late, lag) for one in some] for some in (logs, withheld))
-    return fitted, kept_out
+def _search(runs: Runs, model: Model, effects: tuple[Effect, ...], keep: SavedFits | None) -> Search:
+    """`make_search` of the same runs with a column that was corrected."""
+    return make_search(runs.fitted, runs.withheld, model, effects, keep, again=True, noise=runs.noise)
 
 
 def make_search(
