@@ -79,6 +79,8 @@ class Thresholds:
         factor: likewise, for one factor in the place of several wrong nominal numbers.
         unlike: log density [nats] that nominal numbers may lose beside one factor in their place, of being right: five
             in a hundred that are lose more (half of chi-square's quantile, three numbers about one factor).
+        beyond_factor: logarithm of a wrong number over the given one, over that of a factor beside it [1], from which
+            on the number is wrong whatever the factor makes of it: what is left is as much as the factor's own.
         beside: share [1] of what the nominal numbers alone leave of the missing energy, from which on an effect is told
             as a cause however much of the gap the numbers make; beside exactly one wrong number it must take
             1 - closes^2 of it.
@@ -184,6 +186,7 @@ class Thresholds:
     simpler: float = 0.05
     factor: float = 0.01
     unlike: float = 3.0
+    beyond_factor: float = 2.0
     beside: float = 0.5
     curve: float = 0.5
     curve_ahead: float = 0.25

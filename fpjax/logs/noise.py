@@ -82,14 +82,15 @@ def rounding_step(column: Values) -> float:
 
 
 def _distinct(readings: Values, equal: float) -> Values:
-    """The levels that readings take, ascending; without those that hardly any of many readings take.
+    """The levels that readings take, ascending; without those that hardly any takes, where others are `FEW` or more.
 
     Where a coarse column was mended, each of a few interpolated readings is a level of its own.
     """
     ordered, counts = np.unique(readings, return_counts=True)
     first = np.flatnonzero(np.concatenate([[True], np.diff(ordered) > equal]))
-    counts = np.add.reduceat(counts, first)
-    return ordered[first][counts >= RARE * np.median(counts)]
+    levels, counts = ordered[first], np.add.reduceat(counts, first)
+    usual = levels[counts >= RARE * np.median(counts)]
+    return usual if usual.size >= FEW else levels
 
 
 def _grid(levels: Values) -> float:

@@ -202,7 +202,7 @@ def numbers_instead(monkeypatch, cause, other, share, lost, *, ahead=5.0, left=0
     shares = Shares(
         {cause.name: 0.9, other.name: share}, {cause.name: 0.9, other.name: lost}, {other.name: tuple(alike)}
     )
-    found = _numbers_instead(search, exact, chosen, shares)
+    found = _numbers_instead(search, exact, chosen, shares, 0.25)
     assert all(one == (both, other.name) for one in asked)
     return found, without
 
@@ -275,3 +275,25 @@ def test_a_stribeck_friction_is_taken_on_by_its_evidence(monkeypatch, gains, lef
     assert asked == [(chosen, "stribeck")]
     monkeypatch.setattr(decision, "beside", lambda search, bases, names: [])  # it is among the causes already
     assert _with_stribeck(None, exact, chosen, chosen) == (chosen, [])
+
+
+@pytest.mark.parametrize(("rest", "kept"), [(0.27, ()), (0.5, ("stribeck",))])
+def test_numbers_take_the_place_of_one_effect_after_the_other_while_little_is_lost_in_all(monkeypatch, rest, kept):
+    effects = [effect("compliance", "frequency"), effect("stribeck", "stribeck_torque")]
+    left = {2: 0.25, 1: 0.26, 0: rest}
+    number = {size: fit(effects[2 - size :], {}, wide=("inertia",)) for size in left}
+    asked = []
+
+    def instead(search, exact, chosen, shares, first):
+        asked.append(first)
+        size = len(chosen.structural)
+        slight = size and left[size - 1] ** 2 - first**2 < THRESHOLDS.matters
+        return Weighed(number[size - 1], 0.0, 0.0, 0.0) if slight else chosen
+
+    monkeypatch.setattr(decision, "_numbers_instead", instead)
+    monkeypatch.setattr(decision, "shares_of", lambda search, exact, fit, known: len(fit.candidate.structural))
+    exact = SimpleNamespace(left=lambda one: left[len(one.candidate.structural)])
+    chosen, shares = decision._with_numbers(None, exact, Weighed(number[2], 0.0, 0.0, 0.0), [])
+    assert chosen.structural == kept
+    assert shares == len(kept)  # of the model that is left
+    assert set(asked) == {0.25}  # what is lost does not add up

@@ -14,7 +14,7 @@ from fpjax.gap import EFFECTS, Estimate, Ranked, Step
 from fpjax.gap.answer.assemble import _instead
 from fpjax.gap.answer.confusable import indistinguishable
 from fpjax.gap.answer.gap_size import steps_of, with_readings
-from fpjax.gap.answer.ranking import factor_twins, share_alike, told_apart
+from fpjax.gap.answer.ranking import factor_twin, share_alike, told_apart
 from fpjax.gap.effects.twins import Twin, exact_twins
 from fpjax.gap.select import simpler
 from fpjax.gap.select import weighed as weighing
@@ -251,29 +251,37 @@ def simpler_search(fits, hopeless, plain=0.0, turning_load=0j):
     return asked
 
 
+OFF = {"inertia": 1.2 * GIVEN["inertia"], "coulomb": 1.3 * GIVEN["coulomb"]}
+BOTH_OFF = ("inertia", "coulomb")
+NEAR = 1000.0 - 0.9 * THRESHOLDS.close
+
+
 @pytest.mark.parametrize(
-    ("wide", "strain", "evidence", "left", "alike"),
+    ("wide", "values", "beside", "evidence", "left", "alike"),
     [
-        (("inertia", "coulomb"), 6.0, 999.0, 0.1, True),  # by its strain alone no simpler cause
-        (("inertia", "coulomb"), 6.0, 1000.0 - 1.1 * THRESHOLDS.close, 0.1, False),  # the numbers are likelier
-        (("inertia", "coulomb"), 6.0, 999.0, 0.3, False),  # more is missing
-        (("inertia",), 6.0, 1100.0, 0.1, False),  # one number is no more than it is
+        (BOTH_OFF, OFF, "stribeck", NEAR, 0.1, True),  # by its strain alone no simpler cause
+        (BOTH_OFF, OFF, "stribeck", NEAR - THRESHOLDS.close, 0.1, False),  # the numbers are likelier
+        (BOTH_OFF, OFF, "stribeck", NEAR, 0.3, False),  # more is missing
+        (BOTH_OFF, OFF | {"coulomb": 0.4}, "stribeck", NEAR, 0.1, False),  # one is too large, one too small
+        (BOTH_OFF, OFF, "load_dependent_friction", NEAR, 0.1, False),  # one for many is there already
+        (BOTH_OFF[:1], OFF, "stribeck", 1100.0, 0.1, False),  # one number is no more than it is
     ],
 )
 def test_a_factor_that_would_do_as_well_as_wrong_numbers_is_told_beside_them(
-    monkeypatch, wide, strain, evidence, left, alike
+    monkeypatch, wide, values, beside, evidence, left, alike
 ):
     monkeypatch.setattr(simpler, "resolved", lambda search, fit: True)
-    chosen = weighing.Weighed(fit(("stribeck",), wide, 0.0, 0.1, 1000.0), 1000.0, 1000.0, 0.1)
+    chosen = weighing.Weighed(fit((beside,), wide, 0.0, 0.1, 1000.0, values), 1000.0, 1000.0, 0.1)
     exact, hopeless = weighing.Exact(fit((), (), 0.0, 1.0, 0.0), ()), fit((), (), 0.0, 9.0, -1e9)
-    search = simpler_search([fit(("stribeck", "torque_gain_error"), (), strain, left, evidence)], hopeless)
-    found = simpler.alike_factors(search, exact, chosen)
-    assert found == (("torque_gain_error",) if alike else ())
-    decided = SimpleNamespace(alike={f"{name}_error": found for name in wide})
-    twins = factor_twins(decided, ["inertia_error", "coulomb_error"])
-    assert [(set(one.causes), one.instead) for one in twins] == (
-        [({"inertia_error", "coulomb_error"}, ("torque_gain_error",))] if alike else []
+    factor = fit((beside, "torque_gain_error"), (), 2.0 * THRESHOLDS.unlike, left, evidence, {"gain": 0.8})
+    found = simpler.alike_factor(simpler_search([factor], hopeless), exact, chosen)
+    assert (found is not None and found.fit is factor) == alike
+    decided = SimpleNamespace(factor=found)
+    twins = factor_twin(decided, ["stribeck", "inertia_error", "coulomb_error"])
+    assert [one.sentence() for one in twins] == (
+        ["coulomb_error + inertia_error and torque_gain_error (gain 0.8) fit this log alike."] if alike else []
     )
+    assert factor_twin(decided, ["stribeck", "inertia_error"]) == []  # no factor does what one number does
 
 
 def test_what_stands_for_a_detail_is_likelier_than_nothing_in_its_place(monkeypatch):

@@ -48,6 +48,24 @@ def test_a_drag_beside_a_ripple_is_no_viscous_friction():
     assert set(told) == {"cogging", "quadratic_drag"}
 
 
+@pytest.mark.parametrize(("off", "alike"), [(1.04, True), (1.07, False)])
+def test_a_factor_is_told_beside_numbers_that_it_nearly_makes_wrong(off, alike):
+    """Friction that is off by what a law of another form makes of it, beside a torque constant of 0.8."""
+    machine = Machine(constant=0.15)
+    log = record(machine, substeps=4)
+    effects = tuple(e for e in EFFECTS if e.name in (*NUMBERS, "torque_gain_error", "constant_torque"))
+    model = load_model(body(machine.inertia, off * machine.coulomb, machine.viscous / off) + RUN)
+    found = diagnose(dataclasses.replace(log, torque=log.torque / 0.8), model, effects=effects)
+    assert set(found.causes) == {*NUMBERS, "constant_torque"}
+    entries = {entry.effect: entry for entry in found.ranking}
+    gain, first = entries["torque_gain_error"], entries["inertia_error"]
+    assert (gain.cause_probability == pytest.approx(first.cause_probability)) == alike
+    assert ("torque_gain_error" in first.indistinguishable_from) == alike
+    assert any("fit this log alike" in sentence for sentence in found.same_as) == alike
+    # Its row is that of the fit that does as well, and not of the gain without the constant torque.
+    assert (gain.gap_after < 0.5 * machine.constant) == alike
+
+
 def test_friction_numbers_do_not_stand_for_a_small_stribeck_friction():
     """Without the law of which they are a part, viscous friction would come out a third too small to miss 1 % more."""
     machine = Machine(constant=0.15, stribeck=0.05)

@@ -54,8 +54,8 @@ def test_a_slight_gap_that_no_cause_closes_is_none_and_said_with_less_certainty(
     assert none.probability == pytest.approx(1.0 - THRESHOLDS.right_no_gap)
 
 
-@pytest.mark.parametrize(("scale", "another"), [(0.99, False), (0.9, True)])
-def test_a_number_that_is_further_off_than_a_factor_beside_it_makes_one_is_wrong_there_too(monkeypatch, scale, another):
+@pytest.mark.parametrize(("scale", "another"), [(0.99, False), (0.92, False), (0.9, True)])  # the inertia is 1.2 times
+def test_a_number_that_is_far_further_off_than_a_factor_makes_it_is_wrong_beside_it_too(monkeypatch, scale, another):
     monkeypatch.setattr("fpjax.gap.select.verdict.wrong_numbers", lambda fit, sizes: (0.0, tuple(fit.candidate.wide)))
     chosen = weighed("", 500.0, wide=("inertia",))
     rival = weighed("backlash+velocity_scale_error", 505.0, wide=("inertia",), wrong={"scale": scale})

@@ -239,6 +239,7 @@ def left_open(decision: Decision, causes: Sequence[str], likely: Mapping[str, fl
     """
     included = {*decision.chosen.fit.candidate.names, *causes}
     tried = sorted((*decision.rivals, *decision.singles), key=lambda one: -one.worth)
+    tried = [*([] if decision.factor is None else [decision.factor]), *tried]
     found: list[tuple[float, Fit]] = []
     for effect in decision.chosen.fit.candidate.effects:
         if causes and effect.name not in causes:

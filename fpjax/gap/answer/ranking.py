@@ -35,7 +35,7 @@ class Ranking:
 
     Attributes:
         entries: the causes first, then by probability.
-        twins: exact twins of the causes.
+        twins: what makes the same log as causes, or fits it alike.
     """
 
     entries: tuple[Ranked, ...]
@@ -62,11 +62,13 @@ def rank(
     causes = [name for name in found.causes if name not in read]
     effects = {e.name: e for e in chosen.fit.candidate.effects} | ERRORS
     entries: dict[str, Ranked] = {}
-    twins: list[Twin] = []
+    twins, nearly = list[Twin](), list[Twin]()
     if causes:
         spread = covariance(search, chosen.fit)
         values = {name: estimates(search, chosen.fit, effects[name], spread) for name in causes}
         twins = [twin for twin in exact_twins(causes, values, log_of(search)) if not told_apart(decision, twin)]
+        nearly = [twin for twin in factor_twin(decision, causes) if all(twin.instead != one.instead for one in twins)]
+        twins += nearly
         left = {s.added: s.gap_after for s in steps}
         for name in causes:
             same = indistinguishable(decision, name, twins)
@@ -77,6 +79,10 @@ def rank(
             entries.setdefault(other, Ranked(other, 0.0, gap.after, {}))
     asserted = [name for name in found.causes if name in entries]
     tried = [(w.fit, w.fit.candidate.effects[0], w.evidence) for w in decision.singles]
+    # A factor that fits alike beside the other causes, not alone.
+    if decision.factor is not None and nearly:
+        fit = decision.factor.fit
+        tried += [(fit, effect, decision.factor.evidence) for effect in fit.candidate.effects if effect.name in FACTORS]
     tried += [(decision.nominal.fit, effect, decision.nominal.evidence) for effect in ERRORS.values()]
     # By probability, so that the intervals are computed for the entries that are read; evidence decides among zeros.
     tried.sort(key=lambda one: (-found.among.get(one[1].name, 0.0), -one[2]))
@@ -92,7 +98,7 @@ def rank(
         )
         for name, entry in entries.items()
     }  # fmt: skip
-    for twin in (*twins, *factor_twins(decision, causes)):
+    for twin in twins:
         share_alike(entries, twin)
     _both_ways(entries, asserted)
     if found.word == "unexplained":
@@ -103,18 +109,19 @@ def rank(
     return Ranking((*(entries[name] for name in asserted), *rest), tuple(twins))
 
 
-def factor_twins(decision: Decision, causes: Sequence[str]) -> list[Twin]:
-    """One factor and the wrong numbers that it nearly makes (`fpjax.gap.select.simpler.alike_factors`).
+def factor_twin(decision: Decision, causes: Sequence[str]) -> list[Twin]:
+    """One factor and the wrong numbers among the causes that it makes as well, where these are several.
 
     Args:
         decision: on the fits.
         causes: that are told.
     """
-    return [
-        Twin(frozenset(some), (factor,))
-        for factor in FACTORS
-        if len(some := [name for name in causes if factor in decision.alike.get(name, ())]) > 1
-    ]
+    numbers = frozenset(name for name in causes if name in ERRORS)
+    if decision.factor is None or len(numbers) < 2:
+        return []
+    factor = next(name for name in decision.factor.structural if name in FACTORS)
+    value = decision.factor.fit.candidate.values()[FACTORS[factor]]
+    return [Twin(numbers, (factor,), f" ({FACTORS[factor]} {value:.4g})", exact=False)]
 
 
 def told_apart(decision: Decision, twin: Twin) -> bool:

@@ -7,14 +7,12 @@ import numpy as np
 
 from ...logs.arrays import Values
 from ..data.channel import Channel
-from ..data.octaves import details, gains
 from ..fit.candidate import Fit
 from ..fit.search import Search
 
 # A reading whose rounding step is above this many standard deviations of its noise is one that is rounded: rounding, of
 # standard deviation step / sqrt(12), is then half of the noise's energy. Below that the other half dithers it away.
 ROUNDED = math.sqrt(6.0)
-FASTEST = 2  # octaves, in which a motion hardly shows
 
 
 def rounding_of(search: Search, fit: Fit, windows: Sequence[Values] | None = None) -> tuple[float, float]:
@@ -45,15 +43,7 @@ def rounding_of(search: Search, fit: Fit, windows: Sequence[Values] | None = Non
         own = [np.zeros_like(errors) for _ in channels]
         for place, one in enumerate(channels):
             if is_rounded(one):
-                step = one.step / one.noise
-                # The measured readings lie on the grid, so that a rounded simulation is whole steps from them.
-                away = errors[place] / step
-                if is_counted(one):
-                    away = np.cumsum(away, axis=0)
-                    away -= np.mean(away, axis=0)  # counts, up to where between two of them the window begins
-                    own[place][place] = step * np.diff(np.round(away) - away, axis=0, prepend=0.0)
-                else:
-                    own[place][place] = step * (np.round(away) - away)
+                own[place][place] = rounding_error(errors[place], one.step / one.noise, counted=one.counted)
         squares = [search.modes.plain(search.modes.coefficients(each).T) ** 2 for each in (np.sum(own, axis=0), own[0])]
         coarse = [_power(search, place, len(channels)) for place, one in enumerate(channels) if is_rounded(one)]
         white = search.real_noise * noise[:, None] * np.sum(coarse, axis=0)
@@ -70,27 +60,26 @@ def is_rounded(channel: Channel) -> bool:
     Args:
         channel: of the column.
     """
-    return channel.step > ROUNDED * channel.noise or is_counted(channel)
+    return channel.step > ROUNDED * channel.noise or channel.counted
 
 
-def is_counted(channel: Channel) -> bool:
-    """Whether a column holds differences of a counter, whose rounding is most of what its fastest octaves hold.
+def rounding_error(residuals: Values, step: float, *, counted: bool) -> Values:
+    """What rounding the simulated readings, as the measured ones are, adds to them; shape (samples, windows).
 
-    A rate that is the difference of two counts has the difference of two rounding errors: little of a slow motion, and
-    of a fast one up to twice what a rounded rate has, which passes for noise that dithers it. It falls with the
-    frequency, as white noise does not.
+    Measured readings lie on the grid, so that a rounded simulation is whole steps from them. A counter adds up to a
+    count that is rounded, of which a reading is the difference; where between two counts a window begins is not known.
 
     Args:
-        channel: of the column.
+        residuals: simulated less measured readings, shape (samples, windows).
+        step: of the grid, in their unit.
+        counted: whether readings are differences of a counter.
     """
-    if channel.step == 0.0:
-        return False
-    parts = [np.sqrt(np.mean(own**2)) for own in details(channel.values, FASTEST)[0]]
-    rounded, counted = (gains(FASTEST, weights) for weights in ((1.0,), (1.0, -1.0)))
-    found, law = parts / rounded / (channel.step / math.sqrt(12.0)), counted / rounded
-    # Nearer to it than to white noise, by the geometric mean of both.
-    nearer = found[0] > math.sqrt(law[0]) and found[0] / found[1] > math.sqrt(law[0] / law[1])
-    return bool(nearer and np.all(found < math.sqrt(2.0) * law))
+    away = residuals / step
+    if not counted:
+        return step * (np.round(away) - away)
+    away = np.cumsum(away, axis=0)
+    away -= np.mean(away, axis=0)
+    return step * np.diff(np.round(away) - away, axis=0, prepend=0.0)
 
 
 def _power(search: Search, place: int, channels: int) -> Values:

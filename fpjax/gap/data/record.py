@@ -164,7 +164,7 @@ def _columns(log: Log) -> tuple[Channel | None, Channel | None]:
             f"{log.name}: {len(log.time)} samples ({len(log.time) * log.dt:.3g} s) are too few: at least {LEAST} "
             f"({LEAST * log.dt:.3g} s) are needed to fit some stretches and to withhold others; record for longer."
         )
-    velocity = None if log.velocity is None else make_channel(log.velocity)
+    velocity = None if log.velocity is None else make_channel(log.velocity, rate=True)
     position = None if log.position is None else make_channel(log.position)
     if velocity is not None and position is not None:
         # A reading taken `late` seconds beside its stamp is wrong by the travel in between: noise that grows with the
@@ -261,7 +261,7 @@ def _record(
         pairs = np.arange(len(starts)) // 2
         starts = starts[np.floor((pairs + 1) * share) > np.floor(pairs * share)]
     withheld = every_fourth(len(starts)) if side == "blocks" else np.full(len(starts), side == "all")
-    reading = velocity if velocity is not None or log.velocity is None else make_channel(log.velocity)
+    reading = velocity if velocity is not None or log.velocity is None else make_channel(log.velocity, rate=True)
     velocity, position, reading = (_part(channel, kept) for channel in (velocity, position, reading))
     main = velocity if velocity is not None else position
     assert main is not None

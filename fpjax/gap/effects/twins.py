@@ -45,17 +45,19 @@ class Twin:
         instead: causes that could replace them.
         how: values of the replacing causes, as a part of the sentence.
         untried: whether the fits cannot tell: the replacing cause was not tried with such values.
+        exact: whether both make the same log whatever the excitation; else fits found them alike.
     """
 
     causes: frozenset[str]
     instead: tuple[str, ...]
     how: str = ""
     untried: bool = False
+    exact: bool = True
 
     def sentence(self) -> str:
         """The statement for a reader."""
         names, others = " + ".join(sorted(self.causes)), " + ".join(self.instead)
-        return f"{names} and {others}{self.how} make exactly the same log."
+        return f"{names} and {others}{self.how} {'make exactly the same log' if self.exact else 'fit this log alike'}."
 
 
 def exact_twins(causes: Sequence[str], found: Parameters, log: LogFacts) -> list[Twin]:

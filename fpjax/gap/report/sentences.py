@@ -171,6 +171,8 @@ def twin_sentences(diagnosis: Answer) -> list[str]:
     """One sentence for each class of effects that this log cannot distinguish."""
     sentences = []
     for group in classes(diagnosis):
+        if any(" + " in same and all(effect in same for effect in group) for same in diagnosis.same_as):
+            continue  # several together stand for one: `set_twin_sentences` says so
         names = [effect_name(effect, diagnosis.motion) for effect in group]
         probability = sum(
             c.probability for c in diagnosis.ranking if c.effect in group and math.isfinite(c.probability)

@@ -15,7 +15,7 @@ from .dominant import Curve
 from .late_place import late_elsewhere
 from .nominal_errors import wrong_numbers
 from .shares import Shares, lost_of, numbers_of, shares_of, without_effect
-from .simpler import ONE_FOR_MANY, alike_factors, simpler
+from .simpler import ONE_FOR_MANY, alike_factor, simpler
 from .starts import alone, bases_beside, bases_of, beside, nominal_for
 from .weighed import (
     Exact,
@@ -49,9 +49,10 @@ class Decision:
         shares: of the missing energy that counts as all (`whole`), what would come back without each cause of `chosen`
             [1], the largest first; of what moves the machine alone where `by_numbers` was asked so.
         judged: windows on which models were compared, one array of indices a record.
-        alike: by cause, those that would do as well in its place; by wrong number, a factor in the place of all.
+        alike: by cause, those that would do as well in its place.
         whole: missing torque that counts as all beside `chosen` (`whole_gap`), of the nominal model's [1].
         lost: of the evidence that `chosen` has over `exact`, what would be lost without each of its causes [1].
+        factor: `chosen` with one factor that does as well as all its wrong numbers (`fpjax.gap.select.simpler`).
     """
 
     exact: Fit
@@ -65,6 +66,7 @@ class Decision:
     alike: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     whole: float = 1.0
     lost: Mapping[str, float] = field(default_factory=dict)
+    factor: Weighed | None = None
 
 
 @dataclass(frozen=True)
@@ -168,19 +170,12 @@ def decide(
         plain = with_law(plain)  # what is simpler has numbers of its own, where a friction by direction held them
     chosen = plain
     stage("what each cause takes", 0.0)
-    shares = shares_of(search, exact, chosen.fit, [w.fit for w in tried])
-    while (instead := _numbers_instead(search, exact, chosen, shares)) is not chosen:
-        chosen = instead
-        shares = shares_of(search, exact, chosen.fit, [w.fit for w in tried])
-    alike = dict(shares.alike)
-    if gap and (factors := alike_factors(search, exact, chosen)):
-        for number in chosen.fit.candidate.wide:
-            alike[f"{number}_error"] = (*factors, *alike.get(f"{number}_error", ()))
+    chosen, shares = _with_numbers(search, exact, chosen, [w.fit for w in tried])
     all_of_it = exact.left(exact.fit)
     whole = whole_gap(search, exact, chosen.fit) / all_of_it if all_of_it > 0.0 else 1.0
     return Decision(
         exact.fit, nominal, tuple(singles), chosen, tuple(rivals), (*path, chosen.fit), shares.energy, exact.judged,
-        alike, whole, shares.evidence,
+        shares.alike, whole, shares.evidence, alike_factor(search, exact, chosen) if gap else None,
     )  # fmt: skip
 
 
@@ -214,6 +209,7 @@ def by_numbers(search: Search, decision: Decision, *, moving: bool = False) -> D
     return replace(
         decision, nominal=nominal, singles=singles, chosen=numbers, rivals=singles, path=path,
         shares=shares.energy, alike=shares.alike, whole=1.0, lost=shares.evidence,
+        factor=alike_factor(search, exact, numbers),
     )  # fmt: skip
 
 
@@ -324,7 +320,18 @@ def _with_stribeck(
     return chosen if blurs_them else best, found
 
 
-def _numbers_instead(search: Search, exact: Exact, chosen: Weighed, shares: Shares) -> Weighed:
+def _with_numbers(search: Search, exact: Exact, chosen: Weighed, known: Sequence[Fit]) -> tuple[Weighed, Shares]:
+    """(the chosen model with wrong numbers in the place of every effect that they make up for, its causes' shares)."""
+    first = exact.left(chosen.fit)
+    while True:
+        shares = shares_of(search, exact, chosen.fit, known)
+        instead = _numbers_instead(search, exact, chosen, shares, first)
+        if instead is chosen:
+            return chosen, shares
+        chosen = instead
+
+
+def _numbers_instead(search: Search, exact: Exact, chosen: Weighed, shares: Shares, first: float) -> Weighed:
     """The chosen model with wrong numbers in the place of one effect that they make up for, and that is a detail.
 
     A friction by direction holds numbers of its own, a factor makes several wrong in proportion, and a law of the speed
@@ -332,6 +339,13 @@ def _numbers_instead(search: Search, exact: Exact, chosen: Weighed, shares: Shar
     Coulomb friction and no viscous one, in one direction; a soft spring that takes half of a double inertia off. What
     is no cause is first of all a number that was guessed: it then stands corrected in the model, which holds no effect
     for it.
+
+    Args:
+        search: of the logs.
+        exact: what models are weighed against.
+        chosen: with the effect.
+        shares: of its causes.
+        first: missing torque of the model from which effects were taken out already [N m]: losses do not add up.
     """
     whole, off = whole_gap(search, exact, chosen.fit), far_off(search, exact, chosen.fit)
     for effect in chosen.fit.candidate.effects:
@@ -345,7 +359,7 @@ def _numbers_instead(search: Search, exact: Exact, chosen: Weighed, shares: Shar
         weighs = shares.evidence[effect.name] > THRESHOLDS.weighs and (not held or _is_gap(search, exact.left(fit)))
         if weighs and fit.evidence < chosen.fit.evidence:
             continue  # a cause by its evidence, and the likelier of the two
-        back = exact.left(fit) ** 2 - exact.left(chosen.fit) ** 2
+        back = exact.left(fit) ** 2 - first**2
         if back < THRESHOLDS.matters * whole**2 and resolved(search, fit):
             evidence = wrong_numbers(fit, nominal_sizes(search.setting))[0]
             return settled(search, exact, weighed_fit(search, exact, fit, evidence))

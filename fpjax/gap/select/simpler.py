@@ -49,9 +49,8 @@ def simpler(search: Search, exact: Exact, chosen: Weighed) -> Weighed:
         tried = [tuple(next(fits) for _ in option) for option in options]
         fits = [fit for fit, *none in tried if resolved(search, fit) and all(fit.evidence > n.evidence for n in none)]
         c = chosen.fit.candidate
-        plain = exact.fit.evidence
-        if c.wide and c.effects and any(set(fit.candidate.structural) > set(c.structural) for fit in fits):
-            plain = search.refit(chosen.fit, ()).evidence
+        factored = any(set(fit.candidate.structural) > set(c.structural) for fit in fits)
+        plain = _beside_given(search, exact, chosen.fit) if factored else exact.fit.evidence
         # Wrong numbers give way to one factor, and beside one at its bound to the numbers again: nothing twice.
         fresh = [fit for fit in fits if _free_in(fit) not in seen]
         near = [fit for fit in fresh if _stands_for(exact, fit, chosen.fit, whole, plain)]
@@ -85,28 +84,36 @@ def plainest(fits: Sequence[Fit]) -> Fit:
     return max(factors, key=lambda fit: fit.evidence, default=best)
 
 
-def alike_factors(search: Search, exact: Exact, chosen: Weighed) -> tuple[str, ...]:
-    """Factors that would do as well as the wrong numbers of the chosen model, but for what is left of these.
+def alike_factor(search: Search, exact: Exact, chosen: Weighed) -> Weighed | None:
+    """The chosen model with one factor that would do as well as its wrong numbers; None for none.
 
-    Beside a factor the numbers end further from the given ones than numbers that are right by themselves: guesses that
-    are near to one factor by chance, or a factor on a machine whose laws are of another form. One is told, and the
-    other beside it.
+    But for what is left of these: beside such a factor they end further from the given ones than numbers that are right
+    by themselves. They are guesses that are near to one factor by chance, or it is a factor on a machine whose laws are
+    of another form: one is told, and the other beside it.
+
+    Args:
+        search: of the logs.
+        exact: what models are weighed against.
+        chosen: in which no factor stands for them.
     """
     c, by_name = chosen.fit.candidate, {effect.name: effect for effect in search.effects}
     values, given = c.values(), exact.fit.candidate.values()
     ways = {values[number] > given[number] for number in c.wide}
-    if len(c.wide) < 2 or len(ways) > 1 or set(c.structural) & set(ONE_FOR_MANY):
-        return ()
-    factors = [name for name in FACTORS if name in by_name]
-    fits = search.fitted([_by_one_factor(c, by_name[name]) for name in factors])
-    whole, plain = whole_gap(search, exact, chosen.fit), search.refit(chosen.fit, ()).evidence
-    return tuple(
-        name
-        for name, fit in zip(factors, fits, strict=True)
-        if resolved(search, fit)
-        and fit.evidence > chosen.evidence - THRESHOLDS.close
-        and _stands_for(exact, fit, chosen.fit, whole, plain, unlike=np.inf)
-    )
+    factors = [by_name[name] for name in FACTORS if name in by_name]
+    if len(c.wide) < 2 or len(ways) > 1 or set(c.structural) & set(ONE_FOR_MANY) or not factors:
+        return None
+    best = max(search.fitted([_by_one_factor(c, factor) for factor in factors]), key=lambda one: one.evidence)
+    if not resolved(search, best) or not best.evidence > chosen.evidence - THRESHOLDS.close:
+        return None
+    whole, plain = whole_gap(search, exact, chosen.fit), _beside_given(search, exact, chosen.fit)
+    if not _stands_for(exact, best, chosen.fit, whole, plain, unlike=np.inf):
+        return None
+    return weighed_fit(search, exact, best, best.evidence)
+
+
+def _beside_given(search: Search, exact: Exact, fit: Fit) -> float:
+    """Evidence of a fit's effects beside the numbers as they were given."""
+    return search.refit(fit, ()).evidence if fit.candidate.wide and fit.candidate.effects else exact.fit.evidence
 
 
 def _stands_for(
@@ -120,7 +127,7 @@ def _stands_for(
         chosen: the one in whose place it would stand.
         whole: what counts as all of the gap [N m].
         plain: evidence of the chosen effects beside the numbers as they were given, where a factor may stand for these.
-        unlike: the most that these numbers may lose beside a factor, of being right (`Thresholds.unlike`) [nats].
+        unlike: `Thresholds.unlike`, or infinity where the numbers beside a factor may be off [nats].
     """
     ahead = fit.evidence - chosen.evidence > THRESHOLDS.decisive
     slight = exact.left(fit) ** 2 - exact.left(chosen) ** 2 < THRESHOLDS.matters * whole**2

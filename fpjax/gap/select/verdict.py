@@ -205,7 +205,7 @@ def _adds_to(w: Weighed, chosen: _Set, seen: Seen, decision: Decision) -> bool:
         return False
     lead = chosen.names[0]
     values, given = w.fit.candidate.values(), decision.exact.candidate.values()
-    if (factors := set(w.structural) & set(FACTORS)) and not _beyond(lead, values, given, factors):
+    if (factors := set(w.structural) & set(FACTORS)) and not _beyond(lead, values, given, factors, THRESHOLDS):
         return False
     by_load = lead in ONE_FOR_MANY and lead not in FACTORS
     if lead in FACTORS or (by_load and not decision.chosen.fit.candidate.wide):
@@ -216,13 +216,15 @@ def _adds_to(w: Weighed, chosen: _Set, seen: Seen, decision: Decision) -> bool:
     return is_number(lead) and number in w.fit.candidate.wide and number in wrong_numbers(w.fit, seen.sizes)[1]
 
 
-def _beyond(lead: str, values: Mapping[str, float], given: Mapping[str, float], factors: Iterable[str]) -> bool:
-    """Whether what leads is a wrong number that is further off than any factor beside it makes a number."""
+def _beyond(
+    lead: str, values: Mapping[str, float], given: Mapping[str, float], factors: Iterable[str], t: Thresholds
+) -> bool:
+    """Whether what leads is a wrong number that is far further off than factors beside it could make it."""
     number = lead.removesuffix("_error")
     if not is_number(lead) or not min(values[number], given[number]) > 0.0:
         return False
-    made = max(abs(np.log(values[FACTORS[name]])) for name in factors)
-    return bool(abs(np.log(values[number] / given[number])) > 2.0 * made)
+    made = sum(abs(np.log(values[FACTORS[name]])) for name in factors)
+    return bool(abs(np.log(values[number] / given[number])) > t.beyond_factor * made)
 
 
 def _names(w: Weighed, seen: Seen) -> tuple[str, ...]:
