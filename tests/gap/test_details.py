@@ -202,7 +202,7 @@ def numbers_instead(monkeypatch, cause, other, share, lost, *, ahead=5.0, left=0
     shares = Shares(
         {cause.name: 0.9, other.name: share}, {cause.name: 0.9, other.name: lost}, {other.name: tuple(alike)}
     )
-    found = _numbers_instead(search, exact, chosen, shares, 0.25)
+    found = _numbers_instead(search, exact, chosen, shares)
     assert all(one == (both, other.name) for one in asked)
     return found, without
 
@@ -277,23 +277,17 @@ def test_a_stribeck_friction_is_taken_on_by_its_evidence(monkeypatch, gains, lef
     assert _with_stribeck(None, exact, chosen, chosen) == (chosen, [])
 
 
-@pytest.mark.parametrize(("rest", "kept"), [(0.27, ()), (0.5, ("stribeck",))])
-def test_numbers_take_the_place_of_one_effect_after_the_other_while_little_is_lost_in_all(monkeypatch, rest, kept):
+@pytest.mark.parametrize(("details", "kept"), [(2, ()), (1, ("stribeck",)), (0, ("compliance", "stribeck"))])
+def test_numbers_take_the_place_of_one_effect_after_the_other(monkeypatch, details, kept):
     effects = [effect("compliance", "frequency"), effect("stribeck", "stribeck_torque")]
-    left = {2: 0.25, 1: 0.26, 0: rest}
-    number = {size: fit(effects[2 - size :], {}, wide=("inertia",)) for size in left}
-    asked = []
+    models = [Weighed(fit(effects[gone:], {}, wide=("inertia",)), 0.0, 0.0, 0.0) for gone in range(3)]
 
-    def instead(search, exact, chosen, shares, first):
-        asked.append(first)
-        size = len(chosen.structural)
-        slight = size and left[size - 1] ** 2 - first**2 < THRESHOLDS.matters
-        return Weighed(number[size - 1], 0.0, 0.0, 0.0) if slight else chosen
+    def instead(search, exact, chosen, shares):
+        assert shares == len(chosen.structural)  # of the model that is left, not of one before
+        return models[min(3 - len(chosen.structural), details)]
 
     monkeypatch.setattr(decision, "_numbers_instead", instead)
     monkeypatch.setattr(decision, "shares_of", lambda search, exact, fit, known: len(fit.candidate.structural))
-    exact = SimpleNamespace(left=lambda one: left[len(one.candidate.structural)])
-    chosen, shares = decision._with_numbers(None, exact, Weighed(number[2], 0.0, 0.0, 0.0), [])
+    chosen, shares = decision._with_numbers(None, None, models[0], [])
     assert chosen.structural == kept
-    assert shares == len(kept)  # of the model that is left
-    assert set(asked) == {0.25}  # what is lost does not add up
+    assert shares == len(kept)

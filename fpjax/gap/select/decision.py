@@ -321,17 +321,19 @@ def _with_stribeck(
 
 
 def _with_numbers(search: Search, exact: Exact, chosen: Weighed, known: Sequence[Fit]) -> tuple[Weighed, Shares]:
-    """(the chosen model with wrong numbers in the place of every effect that they make up for, its causes' shares)."""
-    first = exact.left(chosen.fit)
+    """(the chosen model with wrong numbers in the place of every effect that they make up for, its causes' shares).
+
+    One after the other: each is a detail beside what is left, though all together may take more than one may.
+    """
     while True:
         shares = shares_of(search, exact, chosen.fit, known)
-        instead = _numbers_instead(search, exact, chosen, shares, first)
+        instead = _numbers_instead(search, exact, chosen, shares)
         if instead is chosen:
             return chosen, shares
         chosen = instead
 
 
-def _numbers_instead(search: Search, exact: Exact, chosen: Weighed, shares: Shares, first: float) -> Weighed:
+def _numbers_instead(search: Search, exact: Exact, chosen: Weighed, shares: Shares) -> Weighed:
     """The chosen model with wrong numbers in the place of one effect that they make up for, and that is a detail.
 
     A friction by direction holds numbers of its own, a factor makes several wrong in proportion, and a law of the speed
@@ -345,7 +347,6 @@ def _numbers_instead(search: Search, exact: Exact, chosen: Weighed, shares: Shar
         exact: what models are weighed against.
         chosen: with the effect.
         shares: of its causes.
-        first: missing torque of the model from which effects were taken out already [N m]: losses do not add up.
     """
     whole, off = whole_gap(search, exact, chosen.fit), far_off(search, exact, chosen.fit)
     for effect in chosen.fit.candidate.effects:
@@ -359,7 +360,7 @@ def _numbers_instead(search: Search, exact: Exact, chosen: Weighed, shares: Shar
         weighs = shares.evidence[effect.name] > THRESHOLDS.weighs and (not held or _is_gap(search, exact.left(fit)))
         if weighs and fit.evidence < chosen.fit.evidence:
             continue  # a cause by its evidence, and the likelier of the two
-        back = exact.left(fit) ** 2 - first**2
+        back = exact.left(fit) ** 2 - exact.left(chosen.fit) ** 2
         if back < THRESHOLDS.matters * whole**2 and resolved(search, fit):
             evidence = wrong_numbers(fit, nominal_sizes(search.setting))[0]
             return settled(search, exact, weighed_fit(search, exact, fit, evidence))
