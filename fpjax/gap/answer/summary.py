@@ -161,7 +161,11 @@ def summary(diagnosis: Answer) -> str:
             f"free simulation over windows of {free.window:.3g} s: departs by {free.before:.3g} of the motion before, "
             f"{free.after:.3g} after{held}"
         )
-    lines += [_entry(entry, entry.effect in diagnosis.causes) for entry in diagnosis.ranking[:SHOWN]]
+    causes = set(diagnosis.causes)
+    lines += [
+        _entry(entry, bool(causes & {entry.effect, *entry.indistinguishable_from}))
+        for entry in diagnosis.ranking[:SHOWN]
+    ]
     if any(entry.effect not in diagnosis.causes for entry in diagnosis.ranking[:SHOWN]):
         lines.append(f"  ({GAP_AFTER})")
     if diagnosis.dominant_variable is not None:
@@ -174,13 +178,13 @@ def summary(diagnosis: Answer) -> str:
     return "\n".join(lines)
 
 
-def _entry(entry: Ranked, asserted: bool) -> str:
-    """One line of the ranking."""
+def _entry(entry: Ranked, told: bool) -> str:
+    """One line of the ranking; `told`: of a cause, or of what may be one in its place."""
     values = ", ".join(_value(name, p) for name, p in entry.parameters.items())
     twins = ", ".join(entry.indistinguishable_from)
     same = f" (not distinguished from {twins})" if twins else ""
     # The second cause of a pair may be certain without being the main one: the larger probability is shown.
-    probability = max(entry.probability, entry.cause_probability if asserted else 0.0)
+    probability = max(entry.probability, entry.cause_probability if told else 0.0)
     return f"  {probability:6.1%}  {entry.effect:28s} gap {entry.gap_after:.4g}  {values}{same}"
 
 
