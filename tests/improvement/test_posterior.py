@@ -177,7 +177,7 @@ def test_what_the_log_leaves_open_is_drawn_from_and_an_exact_twin_is():
     twin = weighed("unbalance", "actuator_delay", worth=9.0)
     alone = weighed("actuator_delay", worth=2.0)
     nominal = weighed(wide=("inertia",))
-    decision = SimpleNamespace(chosen=chosen, rivals=(chosen, twin), singles=(alone,), nominal=nominal)
+    decision = SimpleNamespace(factor=None, chosen=chosen, rivals=(chosen, twin), singles=(alone,), nominal=nominal)
     likely = {
         "unbalance": 0.83, "velocity_delay": 0.4, "actuator_delay": 0.4, "velocity_quantisation": 0.98,
         "inertia_error": 0.06, "stribeck": 0.01, "cogging": float("nan"),
@@ -186,11 +186,22 @@ def test_what_the_log_leaves_open_is_drawn_from_and_an_exact_twin_is():
     assert [(share, fit) for share, fit in found] == [(0.4, twin.fit), (0.06, nominal.fit)]
 
 
+def test_a_factor_that_does_as_well_as_wrong_numbers_is_drawn_with_the_other_causes_beside_it():
+    chosen = weighed("unbalance", worth=9.0, wide=("inertia", "coulomb"))
+    alone, beside = weighed("torque_gain_error", worth=2.0), weighed("unbalance", "torque_gain_error", worth=8.0)
+    likely = {"unbalance": 0.95, "inertia_error": 0.47, "coulomb_error": 0.47, "torque_gain_error": 0.47}
+    for factor, drawn in ((beside, beside), (None, alone)):
+        decision = SimpleNamespace(
+            factor=factor, chosen=chosen, rivals=(chosen,), singles=(alone,), nominal=weighed()
+        )  # fmt: skip
+        assert left_open(decision, ("unbalance", "inertia_error", "coulomb_error"), likely) == [(0.47, drawn.fit)]
+
+
 def test_a_slight_error_of_the_rate_reading_is_left_open():
     """To the gap a scale is nearly a wrong inertia, to the tracking it is an error of its own."""
     chosen = weighed("stribeck", "velocity_scale_error", worth=9.0)
     alone, other = weighed("stribeck", worth=7.0), weighed("cogging", worth=8.0)
-    decision = SimpleNamespace(chosen=chosen, rivals=(chosen,), singles=(other, alone), nominal=weighed())
+    decision = SimpleNamespace(factor=None, chosen=chosen, rivals=(chosen,), singles=(other, alone), nominal=weighed())
     assert left_open(decision, ("stribeck",), {"stribeck": 0.9}) == [(0.5, alone.fit)]
     assert left_open(decision, ("stribeck", "velocity_scale_error"), {"stribeck": 0.9}) == []
 
@@ -200,7 +211,9 @@ def test_what_does_as_well_in_the_place_of_a_detail_is_left_open():
     chosen = weighed("constant_torque", "actuator_delay", worth=99.0)
     lag, far = weighed("constant_torque", "velocity_lag", worth=98.0), weighed("constant_torque", "cogging", worth=60.0)
     alone = weighed("constant_torque", worth=50.0)
-    decision = SimpleNamespace(chosen=chosen, rivals=(far, chosen, lag), singles=(alone,), nominal=weighed())
+    decision = SimpleNamespace(
+        factor=None, chosen=chosen, rivals=(far, chosen, lag), singles=(alone,), nominal=weighed()
+    )
     assert left_open(decision, ("constant_torque",), {}) == [(0.5, lag.fit)]
     assert left_open(decision, ("constant_torque", "actuator_delay"), {}) == []
     assert left_open(decision, (), {}) == []  # of a log that nothing explains no part is a detail
