@@ -31,7 +31,7 @@ ERRORS: dict[str, Effect] = {e.name: e for e in EFFECTS if e.name.removesuffix("
 
 @dataclass(frozen=True)
 class Ranking:
-    """Every effect tried, and the exact twins of the causes.
+    """Every effect tried, and what would do as well as some of the causes.
 
     Attributes:
         entries: the causes first, then by probability.
@@ -62,13 +62,12 @@ def rank(
     causes = [name for name in found.causes if name not in read]
     effects = {e.name: e for e in chosen.fit.candidate.effects} | ERRORS
     entries: dict[str, Ranked] = {}
-    twins, nearly = list[Twin](), list[Twin]()
+    twins: list[Twin] = []
     if causes:
         spread = covariance(search, chosen.fit)
         values = {name: estimates(search, chosen.fit, effects[name], spread) for name in causes}
         twins = [twin for twin in exact_twins(causes, values, log_of(search)) if not told_apart(decision, twin)]
-        nearly = [twin for twin in factor_twin(decision, causes) if all(twin.instead != one.instead for one in twins)]
-        twins += nearly
+        twins += [twin for twin in factor_twin(decision, causes) if all(twin.instead != one.instead for one in twins)]
         left = {s.added: s.gap_after for s in steps}
         for name in causes:
             same = indistinguishable(decision, name, twins)
@@ -80,7 +79,7 @@ def rank(
     asserted = [name for name in found.causes if name in entries]
     tried = [(w.fit, w.fit.candidate.effects[0], w.evidence) for w in decision.singles]
     # A factor that fits alike beside the other causes, not alone.
-    if decision.factor is not None and nearly:
+    if decision.factor is not None and not all(twin.exact for twin in twins):
         fit = decision.factor.fit
         tried += [(fit, effect, decision.factor.evidence) for effect in fit.candidate.effects if effect.name in FACTORS]
     tried += [(decision.nominal.fit, effect, decision.nominal.evidence) for effect in ERRORS.values()]

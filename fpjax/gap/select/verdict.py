@@ -63,7 +63,7 @@ class _Case:
 
 def _case(decision: Decision, seen: Seen, names: tuple[str, ...], t: Thresholds) -> _Case:
     chosen = _Set(names, decision.chosen.gain)
-    sets = _sets(decision, chosen, seen)
+    sets = _sets(decision, chosen, seen, t)
     others = _others(sets, chosen, seen)
     margin = chosen.worth - max([0.0, *(s.worth for s in others)]) if names else 0.0
     lead = _lead(decision, chosen, margin, t)
@@ -176,14 +176,14 @@ def _in_order(size: Mapping[str, float], seen: Seen, t: Thresholds) -> list[str]
     return [next(effect) if n in placed else n for n in order]
 
 
-def _sets(decision: Decision, chosen: _Set, seen: Seen) -> list[_Set]:
+def _sets(decision: Decision, chosen: _Set, seen: Seen, t: Thresholds) -> list[_Set]:
     """Every set of causes that was tried, once, with its greatest worth; the chosen one as it is asserted."""
     best: dict[tuple[str, ...], _Set] = {}
     told = set(decision.chosen.structural)
     shared = told | set(chosen.names)
     for w in (decision.nominal, *decision.singles, *decision.rivals):
         # The chosen causes with more beside them are the chosen ones with details, which were not worth a cause.
-        if set(w.structural) == told or (told and set(w.structural) > told) or _adds_to(w, chosen, seen, decision):
+        if set(w.structural) == told or (told and set(w.structural) > told) or _adds_to(w, chosen, seen, decision, t):
             continue
         names = tuple(dict.fromkeys(seen.meaning.get(name, name) for name in _names(w, seen)))
         # It stands beside what leads, or else what it has in its place leads.
@@ -194,7 +194,7 @@ def _sets(decision: Decision, chosen: _Set, seen: Seen) -> list[_Set]:
     return ([chosen] if chosen.names else []) + list(best.values())
 
 
-def _adds_to(w: Weighed, chosen: _Set, seen: Seen, decision: Decision) -> bool:
+def _adds_to(w: Weighed, chosen: _Set, seen: Seen, decision: Decision, t: Thresholds) -> bool:
     """Whether a model with an effect says no other thing, since its wrong nominal numbers say what leads.
 
     Where a wrong number leads, the model has the same number wrong; where a factor leads, it has several wrong in one
@@ -205,7 +205,7 @@ def _adds_to(w: Weighed, chosen: _Set, seen: Seen, decision: Decision) -> bool:
         return False
     lead = chosen.names[0]
     values, given = w.fit.candidate.values(), decision.exact.candidate.values()
-    if (factors := set(w.structural) & set(FACTORS)) and not _beyond(lead, values, given, factors, THRESHOLDS):
+    if (factors := set(w.structural) & set(FACTORS)) and not _beyond(lead, values, given, factors, t):
         return False
     by_load = lead in ONE_FOR_MANY and lead not in FACTORS
     if lead in FACTORS or (by_load and not decision.chosen.fit.candidate.wide):
