@@ -18,8 +18,6 @@ from .columns.mapping import (
     Columns,
     Source,
     find_sources,
-    listed,
-    missing_sentence,
     motion_of,
     parse_columns,
     rates_without_angle,
@@ -27,6 +25,7 @@ from .columns.mapping import (
     torque_without_unit,
     without_unknown_sizes,
 )
+from .columns.missing import listed, missing_sentence
 from .columns.units import find_unit
 from .formats.table import RawTable, Request, from_arrays, read_table
 from .log import Log, NamedArrays

@@ -229,17 +229,17 @@ class Search:
 
     def _noise_scale(self, base: Candidate) -> float:
         """Noise standard deviation of the sensors over its estimate from differences of successive samples [1]."""
-        fitter = self.fitters[base.family.key]
-        used = [(which, chosen) for which, chosen in enumerate(self.train) if len(chosen)]
-        return fitter.best_noise([(which, w, fitter.coefficients([base], which, w)[0]) for which, w in used])
+        return self.fitters[base.family.key].best_noise(self._parts(base))
 
     def _coefficients(self, c: Candidate) -> list[tuple[Values, Values]]:
         """(noise, plain coefficients) of a candidate on the fitted windows, one entry a record with any."""
         fitter = self.fitters[c.family.key]
-        used = [(which, chosen) for which, chosen in enumerate(self.train) if len(chosen)]
-        return [
-            (fitter.noise[w][chosen], self.modes.plain(fitter.coefficients([c], w, chosen)[0])) for w, chosen in used
-        ]
+        return [(fitter.noise[w][chosen], self.modes.plain(found)) for w, chosen, found in self._parts(c)]
+
+    def _parts(self, c: Candidate) -> list[tuple[int, Values, Values]]:
+        """(record, its fitted windows, a candidate's coefficients there), one entry a record with any."""
+        coefficients = self.fitters[c.family.key].coefficients
+        return [(w, own, coefficients([c], w, own)[0]) for w, own in enumerate(self.train) if len(own)]
 
     def _material_modes(self) -> int:
         """Number of modes with torque below `BAND` of the Nyquist frequency, 16 at the least."""
@@ -252,21 +252,18 @@ class Search:
             c: a candidate.
             noisy: the torque that makes all of the residual instead, the readings' noise included.
         """
-        fitter, found = self.fitters[c.family.key], []
+        fitter, found = self.fitters[c.family.key], [np.full(len(record.time), np.nan) for record in self.records]
         # The posterior mean V diag(w / sqrt(lambda)) c with the Wiener filter w. The residual is simulated less
         # measured, so that a torque that the simulation lacks has the opposite sign.
         reach = np.where(self.modes.sensor, 0.0, 1.0 / np.sqrt(np.where(self.modes.sensor, 1.0, self.modes.gain)))
         trusted = 1.0 if noisy else self.measure.trusted
-        reach = reach * trusted * self.fitters[c.family.key].torque_scale(c) ** self.measure.imposed
-        for which, record in enumerate(self.records):
-            course, chosen = np.full(len(record.time), np.nan), self.train[which]
-            if len(chosen):
-                share = 1.0 if noisy else self.modes.wiener(c.level, fitter.noise[which][chosen])
-                plain = self.modes.plain(fitter.coefficients([c], which, chosen)[0])
-                out = -(share * plain * reach) @ self.modes.torque.T
-                for row, window in zip(out, chosen, strict=True):
-                    course[record.starts[window] : record.starts[window] + record.samples] = row
-            found.append(course)
+        reach = reach * trusted * fitter.torque_scale(c) ** self.measure.imposed
+        for which, chosen, own in self._parts(c):
+            record = self.records[which]
+            share = 1.0 if noisy else self.modes.wiener(c.level, fitter.noise[which][chosen])
+            out = -(share * self.modes.plain(own) * reach) @ self.modes.torque.T
+            for row, window in zip(out, chosen, strict=True):
+                found[which][record.starts[window] : record.starts[window] + record.samples] = row
         return found
 
     # --- fitting

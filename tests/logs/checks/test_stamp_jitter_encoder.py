@@ -1,10 +1,15 @@
 """The jitter of the stamps beside an encoder: its steps are no jitter, and rest does not make them one."""
 
+import dataclasses
+
 import numpy as np
 import pytest
+from numpy_machine import record
 
 from fpjax.logs.checks.stamp_jitter import stamp_jitter
+from fpjax.logs.checks.suspicions import Numbers, suspicions
 
+BODY = Numbers(0.05, 0.4, 0.03)
 DT = 1e-3  # control period [s]
 
 
@@ -46,3 +51,26 @@ def test_a_position_that_wraps_at_a_turn_is_not_jittered_more_than_one_that_does
     assert wrapped is not None
     assert abs(whole / 2e-5 - 1.0) < 0.1
     assert abs(wrapped / whole - 1.0) < 0.05
+
+
+@pytest.fixture(scope="module")
+def log():
+    return record()
+
+
+@pytest.mark.parametrize("late", [0.05, 0.3])
+def test_readings_off_their_stamps_are_told_with_their_size(log, late):
+    rng = np.random.default_rng(5)
+    tau = late * log.dt * rng.standard_normal(log.time.size)
+    off = dataclasses.replace(log, position=np.interp(log.time + tau, log.time, log.position))
+    (found,) = [s for s in suspicions(off, BODY) if s.kind == "stamps"]
+    assert float(found.sentence.split("about ")[1].split(" ms")[0]) == pytest.approx(1e3 * late * log.dt, rel=0.3)
+
+
+def test_a_coarse_or_noisy_encoder_is_not_off_its_stamps(log):
+    rng = np.random.default_rng(6)
+    coarse = dataclasses.replace(log, position=np.round(log.position / 1e-3) * 1e-3)
+    noisy = dataclasses.replace(log, position=log.position + 1e-3 * rng.standard_normal(log.time.size))
+    late = dataclasses.replace(log, velocity=np.roll(log.velocity, 5))
+    for each in (coarse, noisy, late):
+        assert "stamps" not in [s.kind for s in suspicions(each, BODY)]

@@ -223,24 +223,6 @@ def test_a_drive_that_is_off_repeats_nothing(log):
     assert "repeated" in [kind for _, kind in kinds(dataclasses.replace(resting, torque=torque))]
 
 
-@pytest.mark.parametrize("late", [0.05, 0.3])
-def test_readings_off_their_stamps_are_told_with_their_size(log, late):
-    rng = np.random.default_rng(5)
-    tau = late * log.dt * rng.standard_normal(log.time.size)
-    off = dataclasses.replace(log, position=np.interp(log.time + tau, log.time, log.position))
-    (found,) = [s for s in suspicions(off, BODY) if s.kind == "stamps"]
-    assert float(found.sentence.split("about ")[1].split(" ms")[0]) == pytest.approx(1e3 * late * log.dt, rel=0.3)
-
-
-def test_a_coarse_or_noisy_encoder_is_not_off_its_stamps(log):
-    rng = np.random.default_rng(6)
-    coarse = dataclasses.replace(log, position=np.round(log.position / 1e-3) * 1e-3)
-    noisy = dataclasses.replace(log, position=log.position + 1e-3 * rng.standard_normal(log.time.size))
-    late = dataclasses.replace(log, velocity=np.roll(log.velocity, 5))
-    for each in (coarse, noisy, late):
-        assert "stamps" not in [kind for _, kind in kinds(each)]
-
-
 def test_dropped_samples(log):
     keep = np.delete(np.arange(len(log)), [1000, 1001, 5000])
     cut = {name: getattr(log, name)[keep] for name in ("time", "torque", "velocity", "position", "reference")}
