@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float, PyTree
 
 from ..blocks.parameters import get_parameters, set_parameters
-from ..blocks.references import AbstractReference
+from ..blocks.references import AbstractReference, Recorded
 from ..compiled.programs import jit_by
 from ..errors import InputError
 from ..output.json_object import JsonObject, TomlTable
@@ -130,6 +130,7 @@ def identify(
         tree["loop"] = with_histories(loop, float(dt), dict(zip(names, high.tolist(), strict=True)))
     table = _measured(measured)
     samples = len(next(iter(table.values())))
+    _refuse_beyond(reference, samples, dt)
     sigma = _sigma(table, noise)
     stepper = make_stepper(
         dt=dt, samples=samples, solver=solver, stepping=stepping, substeps=substeps, checkpoint="none"
@@ -329,6 +330,18 @@ def _measured(measured: TomlTable) -> dict[str, np.ndarray]:
         if not np.all(np.isfinite(values)):
             raise InputError(f"measured[{name!r}] holds {np.sum(~np.isfinite(values))} values that are not finite.")
     return table
+
+
+def _refuse_beyond(reference: AbstractReference, samples: int, dt: float) -> None:
+    """Refuse readings from after the end of a recorded reference, whose last value would go on as if it had been."""
+    if not isinstance(reference, Recorded) or reference.values.ndim != 1 or not isinstance(dt, (int, float)):
+        return
+    recorded, asked = len(reference.values) * float(reference.interval), samples * dt
+    if asked > recorded + float(reference.interval) + 1e-6 * asked:
+        raise InputError(
+            f"measured lasts {asked:.6g} s ({samples} samples), but the recorded reference only {recorded:.6g} s "
+            f"({len(reference.values)}): give both of one run, or the part that both have."
+        )
 
 
 def _sigma(table: dict[str, np.ndarray], noise: Mapping[str, float] | None) -> dict[str, float]:

@@ -18,7 +18,8 @@ from ..errors import InputError
 from ..logs import Log
 from ..logs.arrays import rms
 from ..logs.columns.units import is_label
-from ..model_file import Model
+from ..model_file import Model, ModelSource
+from ..model_file.as_model import as_model
 from ..model_file.initial_state import initial_state
 from ..output.paths import expanded
 from ..output.runfile import made_folder, write_whole
@@ -59,11 +60,11 @@ class ExportedBody:
     notes: tuple[str, ...]
 
 
-def export_mujoco(model: Model, folder: str | os.PathLike[str], *, log: Log | None = None) -> ExportedBody:
+def export_mujoco(model: ModelSource, folder: str | os.PathLike[str], *, log: Log | None = None) -> ExportedBody:
     """Write a model's mechanics as MJCF, replay them in MuJoCo under the model's control law, and compare.
 
     Args:
-        model: with a known controller, to be replayed.
+        model: a `Model` or a servo.toml, with a known controller to be replayed.
         folder: where NAME.xml is written; created if missing.
         log: a log with a reference to replay; None for the model's own reference.
 
@@ -73,11 +74,11 @@ def export_mujoco(model: Model, folder: str | os.PathLike[str], *, log: Log | No
     return _export(model, folder, log, "mujoco")
 
 
-def export_urdf(model: Model, folder: str | os.PathLike[str], *, log: Log | None = None) -> ExportedBody:
+def export_urdf(model: ModelSource, folder: str | os.PathLike[str], *, log: Log | None = None) -> ExportedBody:
     """Write a model's mechanics as URDF, replay them in MuJoCo under the model's control law, and compare.
 
     Args:
-        model: with a known controller, to be replayed.
+        model: a `Model` or a servo.toml, with a known controller to be replayed.
         folder: where NAME.urdf is written; created if missing.
         log: a log with a reference to replay; None for the model's own reference.
 
@@ -87,7 +88,10 @@ def export_urdf(model: Model, folder: str | os.PathLike[str], *, log: Log | None
     return _export(model, folder, log, "urdf")
 
 
-def _export(model: Model, folder: str | os.PathLike[str], log: Log | None, target: Target) -> ExportedBody:
+def _export(source: ModelSource, folder: str | os.PathLike[str], log: Log | None, target: Target) -> ExportedBody:
+    model = as_model(source, f"export_{target}", "")
+    if model is None:
+        raise InputError(f"export_{target} needs a Model (fpjax.load_model) or the path of a servo.toml.")
     # Without MuJoCo installed the file is written for its newest version, which has dcmotor and delays; else what this
     # version takes is tried out.
     mujoco, notes = find_mujoco(), []

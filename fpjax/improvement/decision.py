@@ -19,8 +19,14 @@ PROMISED = 3.0  # largest ratio of the ends of the error's 90 % interval with wh
 # it is not the one that made the log.
 PLAUSIBLE = 2.0
 LEFT = 0.5  # smallest share of the drawn machines that such a comparison may leave
+# Of the torque that the model file rates the drive at, what other machines than those of the search may need [1].
+RATED = 1.02
 UNSTABLE = 0.1  # share of machines unstable with the current gains above which no prediction is made
 
+ABOVE_RATING = (
+    "The log's largest torque, {:.4g} {unit}, is above the {:.4g} {unit} of [limits] torque in the model file: one of "
+    "the two is wrong, and nothing that needs more than the file's is proposed."
+)
 LEFT_OUT = (
     "{:.0%} of the machines that the diagnosis leaves possible were left out: with the gains that ran they would be "
     "unstable, or follow much better or worse than the log shows."
@@ -158,13 +164,31 @@ def too_much(new: Score, limits: AllowedScore, unit: str) -> str:
         limits: of the search.
         unit: of the torque.
     """
-    peak, rough = (float(np.mean(np.where(np.isfinite(one), one, 0.0))) for one in (new.peak, new.rough))
-    if peak > limits.peak:
-        more = peak / limits.peak - 1.0
-        return f"need a largest torque of {peak:.4g} {unit}, {more:.1%} above the allowed {limits.peak:.4g} {unit}"
+    if large := too_large(new, limits.peak, unit):
+        return large
+    rough = _mean(new.rough)
     if rough > ROUGHEST * limits.rough:
         return f"make the torque {rough / limits.rough:.2f} times as rough, and the search allows {ROUGHEST:g}"
     return ""
+
+
+def too_large(new: Score, most: float, unit: str, beyond: float = 1.0) -> str:
+    """What a largest torque says against gains, as `objection` does; "" for nothing.
+
+    Args:
+        new: their scores, each of shape (machines,).
+        most: that is allowed, in `unit`.
+        unit: of the torque.
+        beyond: of what is allowed, that is taken as no more [1].
+    """
+    peak = _mean(new.peak)
+    if not peak > beyond * most:
+        return ""
+    return f"need a largest torque of {peak:.4g} {unit}, {peak / most - 1.0:.1%} above the allowed {most:.4g} {unit}"
+
+
+def _mean(values: Values) -> float:
+    return float(np.mean(np.where(np.isfinite(values), values, 0.0)))
 
 
 def _lowest(values: Values) -> float:

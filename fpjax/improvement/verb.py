@@ -22,10 +22,12 @@ from ..simulation.seeds import checked_seed
 from .answer import Change, Range
 from .as_given import lead_as_given
 from .decision import (
+    ABOVE_RATING,
     KEEP,
     LEFT_OUT,
     LESS,
     NOT_APART,
+    RATED,
     UNHELD_LOOP,
     WORTH,
     hopeless,
@@ -34,6 +36,7 @@ from .decision import (
     range_of,
     running,
     told_apart,
+    too_large,
     too_much,
 )
 from .from_diagnosis import Known, about_left, known_in, known_of, refuse_other, same_controller
@@ -46,7 +49,7 @@ from .reference import LONGEST, followed
 from .result import Improvement
 from .search import Found, limits_of, robust_costs, search
 from .stage_costs import COSTS
-from .torque_limit import HARDEST
+from .torque_limit import HARDEST, largest_torque
 from .traces import passed_on, run_traces, unlike
 
 # Machines for the search; other machines for the prediction; how many of these for the margins.
@@ -208,11 +211,17 @@ def improve_known(
     before = judged.side(tried[0], scores.of(0), margins[0])
     if "modulus" in before.margins and before.margins["modulus"].value <= 0.0:
         notes.append(UNHELD_LOOP)
-    against = [objection(scores.of(0), scores.of(i), margins[0], margins[i]) for i in range(1, len(tried))]
+    rated, unit = nominal.limits.get("torque", math.inf), judged.torque_unit
+    if largest_torque(record) > rated:
+        notes.append(ABOVE_RATING.format(largest_torque(record), rated, unit=unit))
+    against = [
+        objection(scores.of(0), scores.of(i), margins[0], margins[i]) or too_large(scores.of(i), rated, unit, RATED)
+        for i in range(1, len(tried))
+    ]
     costs, fine = robust_costs(scores, limits), [place for place, said in enumerate(against, 1) if not said]
     chosen, reason = min(fine, key=lambda place: costs[place]) if fine else 0, KEEP.format(against[0])
     last = len(tried) - 1
-    usable = chosen not in (0, last) and last in fine and not too_much(scores.of(last), limits, judged.torque_unit)
+    usable = chosen not in (0, last) and last in fine and not too_much(scores.of(last), limits, unit)
     if usable and not told_apart(scores.error[chosen], scores.error[last]):
         chosen = last
         notes += [] if against[0] else [NOT_APART.format(1.0 - WORTH)]

@@ -38,9 +38,15 @@ class RunFile:
         seeds: of the random draws, by their purpose.
         seconds: wall time by stage [s].
         notes: sentences shown to the user.
+
+    Raises:
+        InputError: for a folder in which another folder has the name of a run file.
     """
 
     def __init__(self, folder: pathlib.Path | None, command: list[str]) -> None:
+        for taken in (folder / name for name in (RUN, MARK) if folder is not None):
+            if taken.is_dir():
+                raise InputError(f"{taken} is a folder, and a run writes a file of that name: choose another folder.")
         self.folder, self.command = folder, command
         self.inputs: list[JsonObject] = []
         self.seeds: dict[str, int] = {}

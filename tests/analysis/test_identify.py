@@ -117,6 +117,12 @@ def test_bad_input_is_one_sentence(measured, names, options, said):
         fp.identify(model(6e4, 10.0), fp.Chirp(*CHIRP), measured, names, dt=DT, **options)
 
 
+def test_readings_from_after_the_recorded_reference_are_refused():
+    recorded = fp.Recorded(np.ones(50), DT)
+    with pytest.raises(fp.InputError, match="both of one run"):
+        fp.identify(model(6e4, 10.0), recorded, {"velocity": np.zeros(100)}, ["plant.stiffness"], dt=DT)
+
+
 def test_a_delay_is_identified_beyond_the_history_of_the_loop():
     def loop(delay):
         actuator = fp.Actuator(delay=delay, longest_delay=3)

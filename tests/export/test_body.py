@@ -155,6 +155,15 @@ def test_a_torque_in_units_of_a_label_is_said_to_be_no_si(export, tmp_path):
     assert "torque constant [N m/V]" in note
 
 
+@pytest.mark.parametrize("export", [fp.export_mujoco, fp.export_urdf])
+def test_a_model_is_given_by_its_file_as_everywhere(export, tmp_path):
+    file = tmp_path / "axis.toml"
+    file.write_text(ONE + SIMPLE + REST)
+    assert export(str(file), tmp_path / "sim").file.stem == "axis"
+    with pytest.raises(fp.InputError, match=r"servo\.toml"):
+        export(fp.load_model(file).loop, tmp_path / "sim")
+
+
 def test_without_mujoco_the_file_is_written_and_that_is_said(tmp_path, monkeypatch):
     monkeypatch.setattr("fpjax.export.body_export.find_mujoco", lambda: None)
     made = fp.export_mujoco(fp.load_model(ONE + SIMPLE + REST), tmp_path)

@@ -11,7 +11,7 @@ import fpjax as fp
 from fpjax import Motion
 from fpjax.gap import Learned
 from fpjax.gap.machine import NO_LIMIT
-from fpjax.improvement.decision import hopeless, objection, plausible, running, told_apart
+from fpjax.improvement.decision import hopeless, objection, plausible, running, told_apart, too_large
 from fpjax.improvement.judge import Score
 from fpjax.improvement.machines import (
     Machines,
@@ -53,6 +53,14 @@ def test_gains_are_proposed_only_where_nothing_speaks_against_them(new, margins,
     said = objection(score([1.0] * 20), new, MARGINS, margins)
     assert words in said
     assert bool(said) == bool(words)
+
+
+def test_a_torque_above_the_allowed_one_is_said_with_both():
+    asked = score([0.5] * 4)  # a largest torque of 1
+    assert "1 N m, 25.0% above the allowed 0.8 N m" in too_large(asked, 0.8, "N m")
+    assert not too_large(asked, 1.0, "N m")
+    assert not too_large(asked, 0.99, "N m", 1.02)
+    assert not too_large(asked, np.inf, "N m")
 
 
 def test_a_loop_that_only_its_limit_holds_is_never_proposed():

@@ -48,7 +48,15 @@ def test_no_more_torque_is_asked_for_than_the_file_allows(small, found):
     most = 0.95 * found.after.peak.value
     tight = improved(case.known(), case.model(f"[limits]\ntorque = {most}\n"), ["controller"])
     assert tight.after.peak.value < 1.01 * most
-    assert not any("[limits] torque" in note for note in tight.notes)
+    assert not any("a larger [limits] torque" in note for note in tight.notes)
+
+
+def test_nothing_above_the_drives_rating_is_proposed_also_where_the_log_is_above_it(small, found):
+    reached = float(np.max(np.abs(case.log().torque)))
+    for share in (0.9, 0.7, 0.5):
+        tight = improved(case.known(), case.model(f"[limits]\ntorque = {share * reached}\n"), ["controller"])
+        assert tight.decision == "keep" or tight.after.peak.value < 1.03 * share * reached
+        assert any("above" in note and "[limits] torque" in note for note in tight.notes)
 
 
 def test_the_proposal_follows_as_promised_on_a_machine_that_is_no_code_of_ours(found):

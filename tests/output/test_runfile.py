@@ -32,6 +32,13 @@ def test_a_complete_run_ends_with_run_json_and_without_a_mark(tmp_path):
     refuse_unfinished(tmp_path / "a.json")
 
 
+@pytest.mark.parametrize("name", ["run.json", MARK])
+def test_a_folder_in_the_place_of_a_run_file_is_said_before_anything_is_computed(tmp_path, name):
+    (tmp_path / name).mkdir()
+    with pytest.raises(InputError, match="is a folder"):
+        RunFile(tmp_path, ["fpjax", "simulate"])
+
+
 def test_the_outputs_of_two_runs_do_not_look_like_one(tmp_path):
     begun(tmp_path, ["a.json", "b.json"], "fpjax first").write()
     begun(tmp_path, ["a.json"], "fpjax second")
