@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..gap import Diagnosis, diagnose
-from ..gap.data.checks import refuse_contradicted
+from ..gap.data.checks import refuse_contradicted, refuse_reference
 from ..gap.data.record import Record
 from ..logs import Log, LogSource, read_log
 from ..logs.arrays import Values, rms
@@ -116,6 +116,8 @@ def improve(
     # Of a log with breaks its longest stretch alone (a changed log has no further ones): gains are judged along it.
     whole, recorded = recorded, dataclasses.replace(recorded, since=0.0)
     table = followed(recorded, nominal, reference)
+    if reference == "log":
+        refuse_reference(recorded, UNDONE)
     # The choice of gains is checked before a diagnosis that takes half a minute. Their ranges need the corrected
     # machine, so the result is not used here.
     freed(nominal, {"inertia": nominal.nominal["inertia"]}, table, free)

@@ -59,6 +59,13 @@ def test_nothing_above_the_drives_rating_is_proposed_also_where_the_log_is_above
         assert any("above" in note and "[limits] torque" in note for note in tight.notes)
 
 
+@pytest.mark.parametrize("factor", [180.0 / np.pi, -1.0])
+def test_a_reference_in_another_unit_or_of_the_other_sign_is_not_followed(factor):
+    log = dataclasses.replace(case.log(), reference=factor * case.log().reference)
+    with pytest.raises(fp.InputError, match=r"No gains are tuned .* the reference"):
+        fp.improve(log, case.model(), free="controller")
+
+
 def test_the_proposal_follows_as_promised_on_a_machine_that_is_no_code_of_ours(found):
     assert found.decision == "change"
     gains = found.after.gains

@@ -105,6 +105,21 @@ def refuse_contradicted(log: Log, model: Model, undone: str) -> None:
         raise InputError(f"{undone} until this is settled: {found[0]}")
 
 
+def refuse_reference(log: Log, undone: str) -> None:
+    """Refuse a log whose reference has another unit or sign than the motion that follows it.
+
+    Args:
+        log: whose reference is to be followed.
+        undone: as of `refuse_contradicted`.
+
+    Raises:
+        InputError: for such a log.
+    """
+    for one in suspicions(log, None):
+        if one.kind == "reference":
+            raise InputError(f"{undone} until this is settled: {one.sentence}")
+
+
 def wrong_kinds(log: Log) -> set[str]:
     """Kinds of what is wrong in a log by itself, without a model: contradictions, and what stops a diagnosis."""
     found = suspicions(log, None)

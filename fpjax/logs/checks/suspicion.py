@@ -74,7 +74,7 @@ class Suspicion:
         sentence: what it is, with the number, and what to do; the log's name first.
         severity: "stop" where nothing can be computed from the log, else "warn".
         kind: one of unit, sign, swapped, still, one_way, short, machine, nominal, clipped, repeated, clock, stamps,
-            missing, inconsistent, compensated, counts, magnitude, scale, time.
+            missing, inconsistent, compensated, counts, magnitude, scale, time, reference.
     """
 
     sentence: str

@@ -32,6 +32,7 @@ FEW_LEVELS = 8  # different values: with so few the column is a relay's or a sta
 REPEATED = 0.002  # share of the samples that repeat the one before
 RESTING = 0.05  # of the speed that a hundredth of the rows exceed
 FOLLOWED = 0.8  # correlation of a motion with its reference
+OPPOSITE = 0.95  # likewise, with one of the other sign: a loop near its bandwidth answers late, and less alike
 FEWEST_AT_REST = 16  # [samples] of one torque: a reading that is not renewed lasts a few periods
 LATE = 0.02  # of a period: the stamps of drives and buses with clocks of their own jitter by less
 MOST_ROWS = 400_000  # [samples]: a longer log is judged by its middle
@@ -74,7 +75,7 @@ def _found(log: Log, model: Expected | None) -> list[Suspicion]:
         ):
             seen = list(look)
             found += seen
-            if any(one.kind != "scale" for one in seen):
+            if any(one.kind not in ("scale", "reference") for one in seen):
                 break
     return found
 
@@ -302,7 +303,15 @@ def _against_reference(log: Log, columns: dict[str, Values]) -> Iterator[Suspici
             power, size = float(motion @ motion), float(asked @ asked)
             if size > 0.0 and power > 0.0:
                 found.append((float(motion @ asked) / np.sqrt(size * power), np.sqrt(power / size), name))
+    least, _, against = min(found, default=(0.0, 1.0, ""))
     together, ratio, name = max(found, default=(0.0, 1.0, ""))
+    if together < FOLLOWED and least < -OPPOSITE:
+        yield Suspicion(
+            f"the reference runs against the {against} (correlation {least:.3g}): if its sign is the other one, give "
+            "it, with --columns reference=NAME*-1.",
+            "warn",
+            "reference",
+        )
     if together < FOLLOWED:
         return
     named, other = (unit_of(factor, linear=log.linear) for factor in (ratio, 1.0 / ratio))
@@ -319,7 +328,7 @@ def _against_reference(log: Log, columns: dict[str, Values]) -> Iterator[Suspici
             f"the reference looks like {unit}: {1.0 / ratio:.3g} x the {name}; give its unit, such as --columns "
             f"reference=NAME:{unit}.",
             "warn",
-            "scale",
+            "reference",
         )
 
 

@@ -321,10 +321,17 @@ def test_a_velocity_is_held_against_its_reference_where_there_is_no_position(log
 @pytest.mark.parametrize("change", [lambda log: log, without_position])
 def test_a_reference_in_another_unit_than_the_velocity_is_told_and_contradicts_nothing(log, unit, factor, change):
     (found,) = suspicions(dataclasses.replace(change(log), reference=factor * log.reference), BODY)
-    assert (found.severity, found.kind) == ("warn", "scale")
+    assert (found.severity, found.kind) == ("warn", "reference")
     assert f"the reference looks like {unit}: " in found.sentence
     assert "x the velocity" in found.sentence
     assert f"--columns reference=NAME:{unit}." in found.sentence
+
+
+@pytest.mark.parametrize("change", [lambda log: log, without_position])
+def test_a_reference_of_the_other_sign_is_told(log, change):
+    (found,) = suspicions(dataclasses.replace(change(log), reference=-log.reference), BODY)
+    assert (found.severity, found.kind) == ("warn", "reference")
+    assert "the reference runs against the velocity" in found.sentence
 
 
 def test_a_reference_in_another_unit_than_the_position_is_told(log):
