@@ -160,8 +160,6 @@ def test_a_model_is_given_by_its_file_as_everywhere(export, tmp_path):
     file = tmp_path / "axis.toml"
     file.write_text(ONE + SIMPLE + REST)
     assert export(str(file), tmp_path / "sim").file.stem == "axis"
-    with pytest.raises(fp.InputError, match=r"servo\.toml"):
-        export(fp.load_model(file).loop, tmp_path / "sim")
 
 
 def test_without_mujoco_the_file_is_written_and_that_is_said(tmp_path, monkeypatch):
