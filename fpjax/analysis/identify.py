@@ -130,12 +130,12 @@ def identify(
         tree["loop"] = with_histories(loop, float(dt), dict(zip(names, high.tolist(), strict=True)))
     table = _measured(measured)
     samples = len(next(iter(table.values())))
-    _refuse_beyond(reference, samples, dt)
     sigma = _sigma(table, noise)
     stepper = make_stepper(
         dt=dt, samples=samples, solver=solver, stepping=stepping, substeps=substeps, checkpoint="none"
     )
     check_one_run(loop, reference, stepper)
+    _refuse_beyond(reference, samples, float(dt))
     initial = None if initial is None else checked_initial(initial, tree["loop"], stepping)
     dtype = loop_dtype(loop)
     problem = _Problem(
@@ -333,13 +333,22 @@ def _measured(measured: TomlTable) -> dict[str, np.ndarray]:
 
 
 def _refuse_beyond(reference: AbstractReference, samples: int, dt: float) -> None:
-    """Refuse readings from after the end of a recorded reference, whose last value would go on as if it had been."""
-    if not isinstance(reference, Recorded) or reference.values.ndim != 1 or not isinstance(dt, (int, float)):
+    """Refuse readings from after the end of a recorded reference, which would go on with its last value.
+
+    Args:
+        reference: of the run.
+        samples: of each measured signal.
+        dt: time between them [s].
+
+    Raises:
+        InputError: for such readings.
+    """
+    if not isinstance(reference, Recorded):
         return
-    recorded, asked = len(reference.values) * float(reference.interval), samples * dt
-    if asked > recorded + float(reference.interval) + 1e-6 * asked:
+    end, last = len(reference.values) * float(reference.interval), (samples - 1) * dt
+    if last > end + 1e-3 * dt:  # a rounding error is no sample
         raise InputError(
-            f"measured lasts {asked:.6g} s ({samples} samples), but the recorded reference only {recorded:.6g} s "
+            f"measured goes on to {last:.6g} s ({samples} samples), but the recorded reference ends at {end:.6g} s "
             f"({len(reference.values)}): give both of one run, or the part that both have."
         )
 

@@ -19,7 +19,7 @@ from ..logs import Log
 from ..logs.arrays import rms
 from ..logs.columns.units import is_label
 from ..model_file import Model, ModelSource
-from ..model_file.as_model import as_model
+from ..model_file.as_model import needed_model
 from ..model_file.initial_state import initial_state
 from ..output.paths import expanded
 from ..output.runfile import made_folder, write_whole
@@ -89,9 +89,7 @@ def export_urdf(model: ModelSource, folder: str | os.PathLike[str], *, log: Log 
 
 
 def _export(source: ModelSource, folder: str | os.PathLike[str], log: Log | None, target: Target) -> ExportedBody:
-    model = as_model(source, f"export_{target}", "")
-    if model is None:
-        raise InputError(f"export_{target} needs a Model (fpjax.load_model) or the path of a servo.toml.")
+    model = needed_model(source, f"export_{target}")
     # Without MuJoCo installed the file is written for its newest version, which has dcmotor and delays; else what this
     # version takes is tried out.
     mujoco, notes = find_mujoco(), []

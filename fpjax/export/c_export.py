@@ -11,14 +11,16 @@ import numpy as np
 from ..blocks.observers import NoObserver
 from ..blocks.references import AbstractReference, Sine
 from ..errors import InputError
-from ..model_file import Model, load_model
+from ..model_file import Model
+from ..model_file.as_model import needed_model
 from ..output.paths import expanded
 from ..output.runfile import made_folder, write_whole
+from ..simulation.precision import double_precision
 from .c_code import Code, unit_of, write_c
 from .c_test import EMBEDDED, test_program, vector_file, vector_header
 from .check import Checked, check_c, failures, find_compiler
 from .cost import Cost, estimate_cost
-from .law import Law, Precision, double_enabled, trace_law
+from .law import Law, Precision, trace_law
 from .vectors import make_vectors
 
 CHECKED_FOR = 10.0  # [s]: length of the compared run; the error bound in single precision grows with it
@@ -78,9 +80,7 @@ def export_c(
             folder that cannot be written; with `check` also without a compiler, and where the C code does not agree
             with the simulation.
     """
-    if not isinstance(model, Model):
-        with double_enabled():
-            model = load_model(model)
+    model = needed_model(model, "export_c")
     model.needed_controller()
     # the law is traced first: it refuses what cannot be written in C before a file is made
     notes = _notes(model)
@@ -169,5 +169,5 @@ def _notes(model: Model) -> list[str]:
 def _reference(model: Model) -> tuple[AbstractReference, list[str]]:
     if model.reference is not None:
         return model.reference, []
-    with double_enabled():
+    with double_precision():
         return Sine(1.0, 1.0), ["The model has no [reference]: the test vectors follow a sine of 1 at 1 Hz."]

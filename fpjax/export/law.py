@@ -1,10 +1,8 @@
 """The control law of a loop as a `Program`, traced from the same `ClosedLoop.control_law` that is simulated."""
 
-import contextlib
 import dataclasses
 import inspect
 import re
-from collections.abc import Iterator
 from typing import Literal
 
 import equinox as eqx
@@ -18,6 +16,7 @@ from ..blocks.observers import AbstractObserver
 from ..blocks.signals import Measurement
 from ..errors import InputError
 from ..simulation.loop import ClosedLoop, Command
+from ..simulation.precision import double_precision
 from ..simulation.scan import astype
 from .flatten import constants, flatten
 from .program import Program
@@ -63,16 +62,6 @@ class Law:
         return DTYPES[self.precision]
 
 
-@contextlib.contextmanager
-def double_enabled() -> Iterator[None]:
-    """Within the block jax computes in float64, whatever the process has set."""
-    if jax.config.jax_enable_x64:  # pyright: ignore[reportAttributeAccessIssue]
-        yield
-        return
-    with jax.enable_x64(True):
-        yield
-
-
 def trace_law(loop: ClosedLoop, dt: float, precision: Precision = "double") -> Law:
     """The control law of a loop.
 
@@ -88,7 +77,7 @@ def trace_law(loop: ClosedLoop, dt: float, precision: Precision = "double") -> L
         raise InputError(f'precision = {precision!r} is not known: choose "double" or "float".')
     if not dt > 0.0:
         raise InputError(f"dt must be positive, got {dt:g} s; 1e-3 s is usual for a drive.")
-    with double_enabled():
+    with double_precision():
         loop = astype(loop, DTYPES[precision])
         # The parameters are arguments of the traced function, not constants in it: so each keeps its name.
         leaves, names, rebuild = _parameters(loop.controller, loop.observer)

@@ -14,10 +14,11 @@ from ..blocks.sensors import AbstractSensor
 from ..blocks.signals import Measurement, PlantOutput
 from ..errors import InputError
 from ..simulation.loop import ClosedLoop
+from ..simulation.precision import double_precision
 from ..simulation.run import simulate
 from ..simulation.scan import astype, make_inputs, make_stepper
 from ..simulation.solvers import AbstractPlantSolver
-from .law import INPUTS, Law, double_enabled, memory_at_rest, run
+from .law import INPUTS, Law, memory_at_rest, run
 from .rounding import Trace, run_bound
 
 ULPS = 2.0  # allowed difference of one step [units in the last place], in either precision
@@ -103,7 +104,7 @@ def make_vectors(
     Raises:
         InputError: for a run that diverges.
     """
-    with double_enabled():
+    with double_precision():
         exact = astype(law.loop if loop is None else loop, np.float64)
         exact = dataclasses.replace(exact, sensor=_Normal(exact.sensor, float(np.finfo(law.dtype).tiny)))
         estimates = [f"estimates.{name.removesuffix('_estimate')}" for name in law.outputs[3:]]

@@ -19,7 +19,8 @@ PROMISED = 3.0  # largest ratio of the ends of the error's 90 % interval with wh
 # it is not the one that made the log.
 PLAUSIBLE = 2.0
 LEFT = 0.5  # smallest share of the drawn machines that such a comparison may leave
-# Of the torque that the model file rates the drive at, what other machines than those of the search may need [1].
+# Of the torque that the model file rates the drive at, what gains may need [1]: the search only fines what is above it,
+# and on other machines than these, so that the best gains under a rating end just beside it.
 RATED = 1.02
 UNSTABLE = 0.1  # share of machines unstable with the current gains above which no prediction is made
 

@@ -23,13 +23,20 @@ def as_model(source: Any, verb: str, also: str = "a ClosedLoop") -> Model | None
     Raises:
         InputError: for anything else.
     """
+    return None if isinstance(source, ClosedLoop | AbstractObserver) else needed_model(source, verb, also)
+
+
+def needed_model(source: Any, verb: str, also: str = "") -> Model:
+    """`as_model` where nothing but a model will do.
+
+    Raises:
+        InputError: for anything else.
+    """
     if isinstance(source, Model):
         return source
     if isinstance(source, str | os.PathLike):
         with double_precision():
             return load_model(source)
-    if isinstance(source, ClosedLoop | AbstractObserver):
-        return None
     raise InputError(
         f"{verb} got {shown(source)}: give {also}{', ' if also else ''}a Model (fpjax.load_model) or the path of a "
         "servo.toml."

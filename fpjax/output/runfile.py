@@ -44,9 +44,11 @@ class RunFile:
     """
 
     def __init__(self, folder: pathlib.Path | None, command: list[str]) -> None:
-        for taken in (folder / name for name in (RUN, MARK) if folder is not None):
-            if taken.is_dir():
-                raise InputError(f"{taken} is a folder, and a run writes a file of that name: choose another folder.")
+        for name in (RUN, MARK):
+            if folder is not None and (folder / name).is_dir():
+                raise InputError(
+                    f"{folder / name} is a folder, and a run writes a file of that name: choose another --out."
+                )
         self.folder, self.command = folder, command
         self.inputs: list[JsonObject] = []
         self.seeds: dict[str, int] = {}

@@ -20,7 +20,7 @@ from ..gap.data.checks import refuse_contradicted
 from ..gap.diagnosis import Diagnosis
 from ..logs import Log, read_log
 from ..model_file import Model
-from ..model_file.as_model import as_model
+from ..model_file.as_model import needed_model
 from ..output.json_object import JsonObject, TomlTable
 from ..output.stages import StageClock
 from ..simulation.precision import double_precision
@@ -96,9 +96,7 @@ def plan(
         InputError: for limits that contradict each other, a machine that cannot move within them, a diagnosis without
             rivals, or a loop that is unstable.
     """
-    known = as_model(model, "plan", "")
-    if known is None:
-        raise InputError("plan needs a Model (fpjax.load_model) or the path of a servo.toml.")
+    known = needed_model(model, "plan")
     given = {
         "speed": speed, "acceleration": acceleration, "torque": torque, "travel": travel, "duration": duration,
         "missing": missing, "velocity_noise": velocity_noise, "position_noise": position_noise, "seconds": seconds,

@@ -75,7 +75,7 @@ def _found(log: Log, model: Expected | None) -> list[Suspicion]:
         ):
             seen = list(look)
             found += seen
-            if any(one.kind not in ("scale", "reference") for one in seen):
+            if any(one.kind != "scale" for one in seen):
                 break
     return found
 
@@ -305,14 +305,14 @@ def _against_reference(log: Log, columns: dict[str, Values]) -> Iterator[Suspici
                 found.append((float(motion @ asked) / np.sqrt(size * power), np.sqrt(power / size), name))
     least, _, against = min(found, default=(0.0, 1.0, ""))
     together, ratio, name = max(found, default=(0.0, 1.0, ""))
-    if together < FOLLOWED and least < -OPPOSITE:
-        yield Suspicion(
-            f"the reference runs against the {against} (correlation {least:.3g}): if its sign is the other one, give "
-            "it, with --columns reference=NAME*-1.",
-            "warn",
-            "reference",
-        )
     if together < FOLLOWED:
+        if least < -OPPOSITE:
+            yield Suspicion(
+                f"the reference runs against the {against} (correlation {least:.3g}): if its sign is the other one, "
+                "give it, with --columns reference=NAME*-1.",
+                "warn",
+                "reference",
+            )
         return
     named, other = (unit_of(factor, linear=log.linear) for factor in (ratio, 1.0 / ratio))
     if named and "position" not in columns:
