@@ -214,14 +214,17 @@ def improve_known(
     if "modulus" in before.margins and before.margins["modulus"].value <= 0.0:
         notes.append(UNHELD_LOOP)
     rated, unit = nominal.limits.get("torque", math.inf), judged.torque_unit
-    if largest_torque(record) > rated:
-        notes.append(ABOVE_RATING.format(largest_torque(record), rated, unit=unit))
     against = [
         objection(scores.of(0), scores.of(i), margins[0], margins[i]) or too_large(scores.of(i), rated, unit, RATED)
         for i in range(1, len(tried))
     ]
     costs, fine = robust_costs(scores, limits), [place for place, said in enumerate(against, 1) if not said]
     chosen, reason = min(fine, key=lambda place: costs[place]) if fine else 0, KEEP.format(against[0])
+    if (reached := largest_torque(record)) > rated:
+        above = ABOVE_RATING.format(reached, rated, unit=unit)
+        notes += [above] if chosen else []
+        # Gains that keep to so little follow worse than those that run: that is no reason which helps.
+        reason = f"Keep your gains. {above}"
     last = len(tried) - 1
     usable = chosen not in (0, last) and last in fine and not too_much(scores.of(last), limits, unit)
     if usable and not told_apart(scores.error[chosen], scores.error[last]):
